@@ -1,0 +1,25 @@
+"""The one exception a user meets: one line that says where, what is wrong and what would be right."""
+
+from __future__ import annotations
+
+
+class InputError(ValueError):
+    """A user's mistake in an image, a config or a sample sheet.
+
+    Parameters
+    ----------
+    where : str
+        The file, key or table cell at fault.
+    wrong : str
+        What is wrong with it.
+    right : str
+        What would be right.
+    """
+
+    def __init__(self, where: object, wrong: str, right: str = ""):
+        self.where, self.wrong, self.right = str(where), wrong, right
+        line = f"{where}: {wrong}" + (f"; {right}" if right else "")
+        super().__init__(" ".join(line.split()))
+
+    def __reduce__(self):
+        return type(self), (self.where, self.wrong, self.right)

@@ -1,0 +1,174 @@
+"""Files: atomic writes, tables, and volumes as one Zarr zip whose bytes depend on its content only."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+import zipfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import zarr
+
+from grainfall import __version__
+from grainfall.errors import InputError
+
+CHUNK = 128
+ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)
+
+
+@contextmanager
+def atomic_path(path: str | Path) -> Iterator[Path]:
+    """A temporary name beside ``path``, renamed to it when the block ends well, removed when it does not."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
+    os.close(handle)
+    part = Path(name)
+    try:
+        yield part
+        os.chmod(part, 0o644)
+        os.replace(part, path)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write ``text`` atomically, UTF-8."""
+    with atomic_path(path) as part:
+        part.write_text(text, encoding="utf-8")
+
+
+def write_json(path: str | Path, content: object) -> None:
+    """Write JSON atomically, keys in the order given."""
+    write_text(path, json.dumps(content, indent=2, default=_plain) + "\n")
+
+
+def read_json(path: str | Path) -> dict:
+    """Read JSON."""
+    return json.loads(Path(path).read_text(encoding="utf-8"))
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__} is not JSON")
+
+
+def write_table(path: str | Path, table: pd.DataFrame) -> None:
+    """Write a table as CSV, atomically; missing figures are empty cells, never 0."""
+    with atomic_path(path) as part:
+        table.to_csv(part, index=False, lineterminator="\n")
+
+
+def read_table(path: str | Path) -> pd.DataFrame:
+    """Read a CSV table with its columns as they are named in results/README.md."""
+    return pd.read_csv(path, float_precision="round_trip")
+
+
+def write_volume(
+    path: str | Path,
+    arrays: Mapping[str, np.ndarray],
+    voxel_size_um: float,
+    attributes: Mapping[str, object] | None = None,
+) -> None:
+    """Write images or volumes of one grid as a Zarr group in one zip file.
+
+    Parameters
+    ----------
+    path : str or Path
+        Target, ``*.zarr.zip``; written under a temporary name and renamed.
+    arrays : mapping of str to ndarray
+        (y, x) or (z, y, x) arrays of equal shape; the first is the one that OME-NGFF viewers open.
+    voxel_size_um : float
+        Edge of a voxel (pixel) in micrometres.
+    attributes : mapping, optional
+        Further group attributes (JSON).
+
+    Notes
+    -----
+    Entries are stored in sorted order with a fixed date, so equal content gives equal bytes.
+    """
+    first, array = next(iter(arrays.items()))
+    axes = ["z", "y", "x"][-array.ndim :]
+    ome = {
+        "version": "0.5",
+        "multiscales": [
+            {
+                "name": first,
+                "axes": [{"name": a, "type": "space", "unit": "micrometer"} for a in axes],
+                "datasets": [
+                    {
+                        "path": first,
+                        "coordinateTransformations": [
+                            {"type": "scale", "scale": [float(voxel_size_um)] * array.ndim}
+                        ],
+                    }
+                ],
+            }
+        ],
+    }
+    store: dict = {}
+    group = zarr.open_group(zarr.storage.MemoryStore(store), mode="w", zarr_format=3)
+    group.attrs.update(
+        {
+            "ome": ome,
+            "voxel_size_um": float(voxel_size_um),
+            "grainfall_version": __version__,
+            **(attributes or {}),
+        }
+    )
+    for name, data in arrays.items():
+        if data.shape != array.shape:
+            raise ValueError(f"{name} has shape {data.shape}, {first} has {array.shape}")
+        chunks = tuple(min(CHUNK, n) for n in data.shape)
+        target = group.create_array(
+            name, shape=data.shape, dtype=data.dtype, chunks=chunks, dimension_names=axes
+        )
+        target[...] = data
+    with atomic_path(path) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_STORED) as archive:
+        for key in sorted(store):
+            archive.writestr(zipfile.ZipInfo(key, ZIP_EPOCH), store[key].to_bytes())
+
+
+def read_volume(path: str | Path, name: str | None = None) -> tuple[np.ndarray, dict]:
+    """Read one array of a volume file and the group's attributes.
+
+    Parameters
+    ----------
+    path : str or Path
+        A ``*.zarr.zip`` written by :func:`write_volume`.
+    name : str, optional
+        Array to read; the first one (OME-NGFF's) if omitted.
+
+    Returns
+    -------
+    array : ndarray
+    attributes : dict
+
+    Raises
+    ------
+    InputError
+        When the file is missing, truncated or holds no such array.
+    """
+    try:
+        store = zarr.storage.ZipStore(path, mode="r")
+        group = zarr.open_group(store, mode="r")
+        attributes = dict(group.attrs)
+        name = name or attributes["ome"]["multiscales"][0]["datasets"][0]["path"]
+        array = group[name][...]
+        store.close()
+    except FileNotFoundError:
+        raise InputError(path, "no such file", "give the path of a *.zarr.zip volume") from None
+    except (zipfile.BadZipFile, KeyError, ValueError, EOFError, RuntimeError) as fault:
+        raise InputError(
+            path, f"not a readable volume ({fault})", "a complete *.zarr.zip is needed; make it again"
+        ) from None
+    return array, attributes
