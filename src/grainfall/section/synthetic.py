@@ -73,7 +73,7 @@ class Truth:
         return self.phase[self.phase.shape[0] // 2 if z is None else z]
 
     def sizes(self) -> pd.DataFrame:
-        """True grains: columns phase and r_um, the equal-volume radius as voxelised (periodic, so all whole)."""
+        """True grains, whole as the box is periodic: phase and r_um, the equal-volume radius as voxelised."""
         count = np.bincount(self.grain.ravel())
         phase = np.zeros(count.size, dtype=np.int64)
         phase[self.grain.ravel()] = self.phase.ravel()
@@ -201,7 +201,7 @@ def _gap(x: np.ndarray, r: np.ndarray, box: np.ndarray, pairs: np.ndarray) -> np
 
 @njit(cache=True)
 def _push(x, r, box, pairs):
-    """One sweep: each overlapping pair parts by its overlap, the smaller sphere moving more; largest relative overlap."""
+    """One sweep parts each overlapping pair, the smaller sphere moving more; the largest relative overlap."""
     worst = 0.0
     for k in range(pairs.shape[0]):
         i, j = pairs[k, 0], pairs[k, 1]

@@ -1,0 +1,59 @@
+# Thin wrappers: `make demo` and `make test` need Python 3.11, pip, git and make, and nothing else.
+PYTHON ?= $(shell command -v python3.11 || command -v python3)
+CORES ?= all
+VENV := .venv
+BIN := $(VENV)/bin
+SNAKEMAKE := $(BIN)/snakemake --profile workflow/profiles/local --cores $(CORES)
+IMAGE ?=
+
+.PHONY: demo test lint format thin-section engines report bench-stereology bench-segmentation bench-engines clean
+
+demo: $(VENV)/.ready  ## the embedded demo, to results/summary.csv and results/report.html
+	$(SNAKEMAKE)
+
+test: $(VENV)/.ready  ## the whole test suite
+	$(BIN)/python -m pytest -n 2 --dist worksteal tests
+
+# pip installs into the environment from outside, so it needs neither ensurepip nor a pip of its own.
+$(VENV)/.ready: requirements.lock pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' \
+		|| { echo "Python 3.11 is needed, $(PYTHON) is another; say make PYTHON=/path/to/python3.11"; exit 1; }
+	$(PYTHON) -m venv --without-pip $(VENV)
+	$(PYTHON) -m pip --python $(BIN)/python install --disable-pip-version-check --no-deps -r requirements.lock
+	$(PYTHON) -m pip --python $(BIN)/python install --disable-pip-version-check --no-deps --no-build-isolation -q -e .
+	@touch $@
+
+thin-section: $(VENV)/.ready  ## a real section: make thin-section IMAGE=path/to/miocene_20_2_instances.npz
+	@test -n "$(IMAGE)" || { echo "say which image: make thin-section IMAGE=path/to/instances.npz"; exit 1; }
+	$(SNAKEMAKE) --configfile config/cases/thin_section.yaml \
+		--config 'samples={thin_section: {image: "$(IMAGE)"}}'
+
+engines: $(VENV)/.ready  ## PhysX and Bullet side by side, five paired realizations
+	$(SNAKEMAKE) --configfile config/cases/engines.yaml
+
+report: $(VENV)/.ready  ## Snakemake's own report of the finished demo
+	$(BIN)/snakemake --report results/snakemake-report.html
+
+lint: $(VENV)/.ready
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/snakefmt --check Snakefile workflow
+	$(BIN)/snakemake --lint
+	$(BIN)/lint-imports
+
+format: $(VENV)/.ready
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+	$(BIN)/snakefmt Snakefile workflow
+
+bench-stereology: $(VENV)/.ready
+	$(BIN)/python tests/benchmarks/stereology.py --out results/benchmarks/stereology.csv
+
+bench-segmentation: $(VENV)/.ready
+	$(BIN)/python tests/benchmarks/segmentation.py --out results/benchmarks/segmentation.csv
+
+bench-engines: $(VENV)/.ready
+	$(BIN)/python tests/benchmarks/engines.py --out results/benchmarks/engines.csv
+
+clean:  ## results and caches, not the environment
+	rm -rf .snakemake $(filter-out results/README.md,$(wildcard results/*))

@@ -1,0 +1,31 @@
+"""One segmented 2D section in, an ensemble of judged 3D twins out. The chapters follow the method."""
+
+from snakemake.utils import min_version
+
+min_version("9.0")
+
+
+# A case is a whole config of its own: the demo's values must not shine through it.
+if not workflow.overwrite_configfiles:
+
+    configfile: "config/config.yaml"
+
+
+include: "workflow/rules/common.smk"
+include: "workflow/rules/section.smk"
+include: "workflow/rules/morphology.smk"
+include: "workflow/rules/stereology.smk"
+include: "workflow/rules/grains.smk"
+include: "workflow/rules/packing.smk"
+include: "workflow/rules/volume.smk"
+include: "workflow/rules/correlation.smk"
+include: "workflow/rules/network.smk"
+include: "workflow/rules/report.smk"
+
+
+rule all:
+    default_target: True
+    localrule: True
+    input:
+        "results/summary.csv",
+        "results/report.html",

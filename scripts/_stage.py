@@ -1,0 +1,62 @@
+"""What every script does around its work: a log, progress on the terminal, one line for a user's mistake."""
+
+import os
+import sys
+
+for pool in ("OMP", "NUMBA", "OPENBLAS", "MKL"):
+    os.environ.setdefault(f"{pool}_NUM_THREADS", "1")
+
+import time
+import traceback
+from contextlib import contextmanager
+from pathlib import Path
+
+from grainfall.errors import InputError
+
+
+class Progress:
+    """Call it with a line as often as you like: the log gets all, the terminal one in ten seconds."""
+
+    def __init__(self, label: str, terminal, every_s: float = 10.0):
+        self.label, self.terminal, self.every_s, self.last = label, terminal, every_s, time.monotonic()
+
+    def __call__(self, line: str) -> None:
+        print(line, flush=True)
+        if time.monotonic() - self.last >= self.every_s:
+            self.last = time.monotonic()
+            self.say(line)
+
+    def say(self, line: str) -> None:
+        print(f"[{self.label}] {line}", file=self.terminal, flush=True)
+
+
+@contextmanager
+def stage(snakemake):
+    """Run a script's work with its output in the rule's log.
+
+    A user's mistake ends in one line; anything else too, with the trace in the log.
+    """
+    where = "/".join(str(v) for v in dict(snakemake.wildcards).values())
+    terminal = os.fdopen(os.dup(2), "w")
+    log = Path(str(snakemake.log[0]))
+    log.parent.mkdir(parents=True, exist_ok=True)
+    with log.open("w") as sink:
+        # Engines print from C: redirect the descriptors, not only Python's streams.
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os.dup2(sink.fileno(), 1)
+        os.dup2(sink.fileno(), 2)
+        progress = Progress(f"{snakemake.rule} {where}".strip(), terminal)
+        try:
+            yield progress
+        except InputError as fault:
+            print(fault, flush=True)
+            print(f"grainfall: {fault}", file=terminal, flush=True)
+            sys.exit(1)
+        except Exception as fault:
+            traceback.print_exc()
+            progress.say(f"{type(fault).__name__}: {fault} (trace in {log})")
+            sys.exit(1)
+        finally:
+            sys.stdout.flush()
+            sys.stderr.flush()

@@ -1,0 +1,26 @@
+"""Wicksell inversion of the grain sizes of each mineral and of the pore circles."""
+
+from _stage import stage
+
+from grainfall import io, random, stereology
+
+with stage(snakemake) as progress:
+    grains = io.read_table(snakemake.input.grains)
+    pores = io.read_table(snakemake.input.pores)
+    names = io.read_json(snakemake.input.summary)["phases"]
+    rng = random.generator(**snakemake.params.stream, chapter="stereology")
+    samples = {(n, "grain"): grains[grains.phase == n] for n in range(1, len(names))}
+    samples[0, "pore"] = pores
+    dists = {}
+    for (phase, kind), table in samples.items():
+        uncut = table[table.weight > 0]
+        if uncut.empty and kind == "pore":
+            continue
+        dists[phase, kind] = stereology.unfold(
+            uncut.r_um.to_numpy(), uncut.weight.to_numpy(), rng=rng, **snakemake.params.settings["stereology"]
+        )
+        progress.say(
+            f"{names[phase]} {kind}: {len(uncut)} sections, mean radius {dists[phase, kind].mean('f2d'):.2f} um "
+            f"in 2D, {dists[phase, kind].mean('f3d'):.2f} um in 3D"
+        )
+    io.write_table(snakemake.output.sizes, stereology.to_table(dists))

@@ -1,0 +1,144 @@
+"""What every rule shares: the validated config, the samples, and the hash of the science a rule uses."""
+
+import hashlib
+import os
+import sys
+from pathlib import Path
+
+from snakemake.exceptions import WorkflowError
+
+HOUSE = Path(workflow.basedir)
+sys.path.insert(0, str(HOUSE / "src"))
+# Scripts run in processes of their own and find the science by this path, installed or not.
+os.environ["PYTHONPATH"] = os.pathsep.join(
+    [str(HOUSE / "src"), *filter(None, [os.environ.get("PYTHONPATH")])]
+)
+
+from grainfall import config as sheet
+from grainfall.errors import InputError
+
+import grimp
+
+CONFIG_SCHEMA = sheet.load_yaml(HOUSE / "workflow/schemas/config.schema.yaml")
+SAMPLE_SCHEMA = sheet.load_yaml(HOUSE / "workflow/schemas/samples.schema.yaml")
+
+try:
+    CONFIG = sheet.resolve(
+        config, CONFIG_SCHEMA, sheet.load_yaml(HOUSE / "config/presets.yaml")
+    )
+    SAMPLES = sheet.read_samples(CONFIG["samples"], SAMPLE_SCHEMA)
+except InputError as fault:
+    raise WorkflowError(str(fault))
+
+VARIANTS = {name: sheet.variant(CONFIG, name) for name in CONFIG["variants"]}
+REALIZATIONS = range(CONFIG["realizations"])
+SYNTHETIC = [name for name, row in SAMPLES.items() if row["kind"] == "synthetic"]
+REFERENCED = [
+    name for name, row in SAMPLES.items() if row.get("reference") or name in SYNTHETIC
+]
+
+# Folders of results, from the whole to the single twin.
+SAMPLE = "results/{sample}"
+VARIANT = SAMPLE + "/{variant}"
+TWIN = VARIANT + "/{realization}"
+
+ENVS = {group: str(HOUSE / f"envs/{group}.yaml") for group in ("analysis", "packing", "report")}
+
+
+def any_of(names):
+    """A wildcard constraint that matches just these names, and nothing where there are none."""
+    return "|".join(names) or "(?!)"
+
+
+wildcard_constraints:
+    sample=any_of(SAMPLES),
+    variant=any_of(VARIANTS),
+    realization=r"\d+",
+    packing="first|second",
+    axis="x|y|z",
+
+
+scattergather:
+    slices=CONFIG["correlation"]["chunks"],
+
+
+GRAPH = grimp.build_graph("grainfall", cache_dir=None)
+SHARED = ("grainfall.errors", "grainfall.io", "grainfall.random", "grainfall.units")
+
+
+def science(*chapters):
+    """Hash of the source of these chapters and of all they import.
+
+    As a parameter of a rule it makes Snakemake rerun what an edit of the science touches, and nothing else.
+    """
+    modules = set(SHARED)
+    for chapter in chapters:
+        package = f"grainfall.{chapter}"
+        modules |= {package, *GRAPH.find_descendants(package)}
+        modules |= GRAPH.find_upstream_modules(package, as_package=True)
+    digest = hashlib.sha256()
+    for module in sorted(modules):
+        stem = HOUSE / "src" / module.replace(".", "/")
+        source = stem / "__init__.py" if stem.is_dir() else stem.with_suffix(".py")
+        digest.update(module.encode() + source.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def settings(*keys):
+    """A params function: these keys of the config as the rule's variant sees them."""
+
+    def of(wildcards):
+        whole = VARIANTS.get(getattr(wildcards, "variant", None), CONFIG)
+        return {key: whole[key] for key in keys}
+
+    return of
+
+
+def stream(wildcards):
+    """Where a job's random numbers come from; a parameter, so that cached results are never mixed up."""
+    return {
+        "seed": CONFIG["seed"],
+        "sample": wildcards.sample,
+        "realization": int(getattr(wildcards, "realization", -1)),
+    }
+
+
+def sample_row(wildcards):
+    """The sample's row of the sheet."""
+    return SAMPLES[wildcards.sample]
+
+
+def sample_image(wildcards):
+    return SAMPLES[wildcards.sample]["image"]
+
+
+def reference_image(wildcards):
+    return SAMPLES[wildcards.sample]["reference"]
+
+
+def slices_per_twin():
+    """Enough slices of each realization for the cloud and, together, for the envelope test."""
+    correlation = CONFIG["correlation"]
+    share = -(-correlation["envelope_slices"] // len(REALIZATIONS))
+    return max(correlation["slices"], share)
+
+
+def twins(path, **wildcards):
+    """``path`` below every twin's folder, or below those that ``wildcards`` picks."""
+    chosen = {
+        "sample": list(SAMPLES),
+        "variant": list(VARIANTS),
+        "realization": list(REALIZATIONS),
+        **wildcards,
+    }
+    return expand(f"{TWIN}/{path}", **chosen)
+
+
+def where_referenced(path):
+    """An input function: ``path`` in the sample's folder where the sample has a 3D reference, else nothing."""
+
+    def of(wildcards):
+        chosen = [wildcards.sample] if hasattr(wildcards, "sample") else list(SAMPLES)
+        return expand(f"{SAMPLE}/{path}", sample=[s for s in chosen if s in REFERENCED])
+
+    return of

@@ -1,0 +1,25 @@
+"""Grains: a library of 3D grains, each from three masks of the section."""
+
+
+rule grain_library:
+    input:
+        labels=f"{SAMPLE}/labels.zarr.zip",
+        grains=f"{SAMPLE}/grains2d.csv",
+    output:
+        library=directory(f"{SAMPLE}/grains3d"),
+    params:
+        stream=stream,
+        settings=settings("grains"),
+        science=science("grains"),
+    log:
+        f"{SAMPLE}/logs/grain_library.log",
+    benchmark:
+        f"{SAMPLE}/benchmarks/grain_library.tsv"
+    resources:
+        mem_mb=4000,
+        runtime=60,
+    cache: "omit-software"
+    conda:
+        ENVS["analysis"]
+    script:
+        "../../scripts/grain_library.py"

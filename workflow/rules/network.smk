@@ -1,0 +1,96 @@
+"""Network, flow and contacts: what the pore space conducts and what the grains lean on."""
+
+
+rule network:
+    input:
+        volume=f"{TWIN}/twin.zarr.zip",
+    output:
+        pores=f"{TWIN}/network_pores.csv",
+        throats=f"{TWIN}/network_throats.csv",
+    params:
+        settings=settings("network"),
+        science=science("network"),
+    log:
+        f"{TWIN}/logs/network.log",
+    benchmark:
+        f"{TWIN}/benchmarks/network.tsv"
+    resources:
+        mem_mb=6000,
+        runtime=60,
+    cache: "omit-software"
+    conda:
+        ENVS["analysis"]
+    script:
+        "../../scripts/network.py"
+
+
+use rule network as reference_network with:
+    input:
+        volume=f"{SAMPLE}/reference.zarr.zip",
+    output:
+        pores=f"{SAMPLE}/reference_network_pores.csv",
+        throats=f"{SAMPLE}/reference_network_throats.csv",
+    log:
+        f"{SAMPLE}/logs/reference_network.log",
+    benchmark:
+        f"{SAMPLE}/benchmarks/reference_network.tsv"
+
+
+rule flow:
+    input:
+        volume=f"{TWIN}/twin.zarr.zip",
+        pores=f"{TWIN}/network_pores.csv",
+        throats=f"{TWIN}/network_throats.csv",
+    output:
+        flow=f"{TWIN}/flow.csv",
+    params:
+        settings=settings("flow"),
+        science=science("flow"),
+    log:
+        f"{TWIN}/logs/flow.log",
+    benchmark:
+        f"{TWIN}/benchmarks/flow.tsv"
+    resources:
+        mem_mb=4000,
+        runtime=60,
+    conda:
+        ENVS["analysis"]
+    script:
+        "../../scripts/flow.py"
+
+
+use rule flow as reference_flow with:
+    input:
+        volume=f"{SAMPLE}/reference.zarr.zip",
+        pores=f"{SAMPLE}/reference_network_pores.csv",
+        throats=f"{SAMPLE}/reference_network_throats.csv",
+    output:
+        flow=f"{SAMPLE}/reference_flow.csv",
+    log:
+        f"{SAMPLE}/logs/reference_flow.log",
+    benchmark:
+        f"{SAMPLE}/benchmarks/reference_flow.tsv"
+
+
+rule contacts:
+    input:
+        library=f"{SAMPLE}/grains3d",
+        bodies=f"{TWIN}/bodies.csv",
+        twin=f"{TWIN}/twin.zarr.zip",
+    output:
+        contacts=f"{TWIN}/contacts.csv",
+        summary=f"{TWIN}/contacts.json",
+    params:
+        settings=settings("contacts"),
+        science=science("contacts"),
+    log:
+        f"{TWIN}/logs/contacts.log",
+    benchmark:
+        f"{TWIN}/benchmarks/contacts.tsv"
+    resources:
+        mem_mb=3000,
+        runtime=60,
+    conda:
+        ENVS["analysis"]
+    script:
+        "../../scripts/contacts.py"

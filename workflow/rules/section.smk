@@ -1,0 +1,74 @@
+"""Section: read or synthesise the segmented image."""
+
+
+rule synthesise:
+    output:
+        section=f"{SAMPLE}/section.zarr.zip",
+        reference=f"{SAMPLE}/reference.zarr.zip",
+        sizes=f"{SAMPLE}/truth_sizes.csv",
+    wildcard_constraints:
+        sample=any_of(SYNTHETIC),
+    params:
+        stream=stream,
+        row=sample_row,
+        settings=settings("synthetic"),
+        science=science("section"),
+    log:
+        f"{SAMPLE}/logs/synthesise.log",
+    benchmark:
+        f"{SAMPLE}/benchmarks/synthesise.tsv"
+    resources:
+        mem_mb=4000,
+        runtime=30,
+    cache: "omit-software"
+    conda:
+        ENVS["analysis"]
+    script:
+        "../../scripts/synthesise.py"
+
+
+rule read_section:
+    input:
+        image=sample_image,
+    output:
+        section=f"{SAMPLE}/section.zarr.zip",
+    wildcard_constraints:
+        sample=any_of(s for s in SAMPLES if s not in SYNTHETIC),
+    params:
+        row=sample_row,
+        settings=settings("section"),
+        science=science("section"),
+    log:
+        f"{SAMPLE}/logs/read_section.log",
+    benchmark:
+        f"{SAMPLE}/benchmarks/read_section.tsv"
+    resources:
+        mem_mb=4000,
+        runtime=30,
+    conda:
+        ENVS["analysis"]
+    script:
+        "../../scripts/read_section.py"
+
+
+rule read_reference:
+    input:
+        image=reference_image,
+    output:
+        reference=f"{SAMPLE}/reference.zarr.zip",
+    wildcard_constraints:
+        sample=any_of(s for s in REFERENCED if s not in SYNTHETIC),
+    params:
+        row=sample_row,
+        science=science("section"),
+    log:
+        f"{SAMPLE}/logs/read_reference.log",
+    benchmark:
+        f"{SAMPLE}/benchmarks/read_reference.tsv"
+    resources:
+        mem_mb=8000,
+        runtime=60,
+    conda:
+        ENVS["analysis"]
+    script:
+        "../../scripts/read_reference.py"

@@ -1,0 +1,82 @@
+"""Volume: bodies to voxels, spheres removed, porosity corrected; exports for other tools."""
+
+
+rule packed_volume:
+    input:
+        scene=f"{VARIANT}/scene.json",
+        library=f"{SAMPLE}/grains3d",
+        bodies=f"{TWIN}/{{packing}}/bodies.csv",
+    output:
+        volume=f"{TWIN}/{{packing}}/volume.zarr.zip",
+    params:
+        stream=stream,
+        science=science("volume"),
+    log:
+        f"{TWIN}/logs/{{packing}}_volume.log",
+    benchmark:
+        f"{TWIN}/benchmarks/{{packing}}_volume.tsv"
+    resources:
+        mem_mb=4000,
+        runtime=30,
+    conda:
+        ENVS["analysis"]
+    script:
+        "../../scripts/packed_volume.py"
+
+
+rule twin:
+    input:
+        scene=f"{VARIANT}/scene.json",
+        library=f"{SAMPLE}/grains3d",
+        bodies=f"{TWIN}/second/bodies.csv",
+    output:
+        twin=f"{TWIN}/twin.zarr.zip",
+        bodies=f"{TWIN}/bodies.csv",
+        correction=f"{TWIN}/correction.json",
+    params:
+        stream=stream,
+        settings=settings("correction"),
+        science=science("volume"),
+    log:
+        f"{TWIN}/logs/twin.log",
+    benchmark:
+        f"{TWIN}/benchmarks/twin.tsv"
+    resources:
+        mem_mb=4000,
+        runtime=60,
+    conda:
+        ENVS["analysis"]
+    script:
+        "../../scripts/twin.py"
+
+
+rule export:
+    input:
+        library=f"{SAMPLE}/grains3d",
+        bodies=f"{TWIN}/bodies.csv",
+        twin=f"{TWIN}/twin.zarr.zip",
+    output:
+        metaimage=f"{TWIN}/export/twin.mhd",
+        raw=f"{TWIN}/export/twin.raw",
+        vti=f"{TWIN}/export/twin.vti",
+        glb=f"{TWIN}/export/grains.glb",
+        stl=f"{TWIN}/export/grains.stl",
+    params:
+        science=science("volume", "grains"),
+    log:
+        f"{TWIN}/logs/export.log",
+    benchmark:
+        f"{TWIN}/benchmarks/export.tsv"
+    resources:
+        mem_mb=4000,
+        runtime=30,
+    conda:
+        ENVS["analysis"]
+    script:
+        "../../scripts/export.py"
+
+
+rule exports:
+    localrule: True
+    input:
+        twins("export/twin.mhd"),
