@@ -25,7 +25,7 @@ include: "workflow/rules/report.smk"
 
 rule all:
     default_target: True
-    localrule: True
     input:
         "results/summary.csv",
         "results/report.html",
+    localrule: True

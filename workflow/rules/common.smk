@@ -42,7 +42,10 @@ SAMPLE = "results/{sample}"
 VARIANT = SAMPLE + "/{variant}"
 TWIN = VARIANT + "/{realization}"
 
-ENVS = {group: str(HOUSE / f"envs/{group}.yaml") for group in ("analysis", "packing", "report")}
+ENVS = {
+    group: str(HOUSE / f"envs/{group}.yaml")
+    for group in ("analysis", "packing", "report")
+}
 
 
 def any_of(names):

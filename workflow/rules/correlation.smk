@@ -7,19 +7,19 @@ rule s2_chunk:
         section=f"{SAMPLE}/section.zarr.zip",
     output:
         s2=temp(f"{TWIN}/s2_slices/{{scatteritem}}.csv"),
-    params:
-        stream=stream,
-        slices=slices_per_twin(),
-        science=science("correlation"),
     log:
         f"{TWIN}/logs/s2_slices_{{scatteritem}}.log",
     benchmark:
         f"{TWIN}/benchmarks/s2_slices_{{scatteritem}}.tsv"
+    conda:
+        ENVS["analysis"]
     resources:
         mem_mb=2000,
         runtime=30,
-    conda:
-        ENVS["analysis"]
+    params:
+        stream=stream,
+        slices=slices_per_twin(),
+        science=science("correlation"),
     script:
         "../../scripts/s2_chunk.py"
 
@@ -29,17 +29,17 @@ rule s2_slices:
         gather.slices(f"{TWIN}/s2_slices/{{scatteritem}}.csv"),
     output:
         s2=f"{TWIN}/s2_slices.csv",
-    params:
-        science=science("correlation"),
     log:
         f"{TWIN}/logs/s2_slices.log",
     benchmark:
         f"{TWIN}/benchmarks/s2_slices.tsv"
+    conda:
+        ENVS["analysis"]
     resources:
         mem_mb=1000,
         runtime=5,
-    conda:
-        ENVS["analysis"]
+    params:
+        science=science("correlation"),
     script:
         "../../scripts/s2_slices.py"
 
@@ -49,17 +49,17 @@ rule s2_volume:
         volume=f"{TWIN}/twin.zarr.zip",
     output:
         s2=f"{TWIN}/s2_volume.csv",
-    params:
-        science=science("correlation"),
     log:
         f"{TWIN}/logs/s2_volume.log",
     benchmark:
         f"{TWIN}/benchmarks/s2_volume.tsv"
+    conda:
+        ENVS["analysis"]
     resources:
         mem_mb=4000,
         runtime=30,
-    conda:
-        ENVS["analysis"]
+    params:
+        science=science("correlation"),
     script:
         "../../scripts/s2_volume.py"
 
@@ -83,16 +83,16 @@ rule s2_envelope:
     output:
         envelope=f"{VARIANT}/s2_envelope.csv",
         test=f"{VARIANT}/s2_envelope.json",
-    params:
-        science=science("correlation"),
     log:
         f"{VARIANT}/logs/s2_envelope.log",
     benchmark:
         f"{VARIANT}/benchmarks/s2_envelope.tsv"
+    conda:
+        ENVS["analysis"]
     resources:
         mem_mb=2000,
         runtime=10,
-    conda:
-        ENVS["analysis"]
+    params:
+        science=science("correlation"),
     script:
         "../../scripts/s2_envelope.py"

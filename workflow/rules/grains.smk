@@ -7,19 +7,19 @@ rule grain_library:
         grains=f"{SAMPLE}/grains2d.csv",
     output:
         library=directory(f"{SAMPLE}/grains3d"),
-    params:
-        stream=stream,
-        settings=settings("grains"),
-        science=science("grains"),
     log:
         f"{SAMPLE}/logs/grain_library.log",
     benchmark:
         f"{SAMPLE}/benchmarks/grain_library.tsv"
-    resources:
-        mem_mb=4000,
-        runtime=60,
     cache: "omit-software"
     conda:
         ENVS["analysis"]
+    resources:
+        mem_mb=4000,
+        runtime=60,
+    params:
+        stream=stream,
+        settings=settings("grains"),
+        science=science("grains"),
     script:
         "../../scripts/grain_library.py"

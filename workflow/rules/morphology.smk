@@ -9,18 +9,18 @@ rule morphology:
         grains=f"{SAMPLE}/grains2d.csv",
         pores=f"{SAMPLE}/pores2d.csv",
         summary=f"{SAMPLE}/section.json",
-    params:
-        settings=settings("morphology", "section"),
-        science=science("morphology"),
     log:
         f"{SAMPLE}/logs/morphology.log",
     benchmark:
         f"{SAMPLE}/benchmarks/morphology.tsv"
+    conda:
+        ENVS["analysis"]
     resources:
         mem_mb=4000,
         runtime=30,
-    conda:
-        ENVS["analysis"]
+    params:
+        settings=settings("morphology", "section"),
+        science=science("morphology"),
     script:
         "../../scripts/morphology.py"
 
@@ -32,18 +32,18 @@ rule measure_slices:
     output:
         grains=f"{TWIN}/grains2d.csv",
         pores=f"{TWIN}/pores2d.csv",
-    params:
-        stream=stream,
-        settings=settings("morphology", "correlation"),
-        science=science("morphology"),
     log:
         f"{TWIN}/logs/measure_slices.log",
     benchmark:
         f"{TWIN}/benchmarks/measure_slices.tsv"
+    conda:
+        ENVS["analysis"]
     resources:
         mem_mb=4000,
         runtime=30,
-    conda:
-        ENVS["analysis"]
+    params:
+        stream=stream,
+        settings=settings("morphology", "correlation"),
+        science=science("morphology"),
     script:
         "../../scripts/measure_slices.py"

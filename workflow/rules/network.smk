@@ -7,19 +7,19 @@ rule network:
     output:
         pores=f"{TWIN}/network_pores.csv",
         throats=f"{TWIN}/network_throats.csv",
-    params:
-        settings=settings("network"),
-        science=science("network"),
     log:
         f"{TWIN}/logs/network.log",
     benchmark:
         f"{TWIN}/benchmarks/network.tsv"
-    resources:
-        mem_mb=6000,
-        runtime=60,
     cache: "omit-software"
     conda:
         ENVS["analysis"]
+    resources:
+        mem_mb=6000,
+        runtime=60,
+    params:
+        settings=settings("network"),
+        science=science("network"),
     script:
         "../../scripts/network.py"
 
@@ -43,18 +43,18 @@ rule flow:
         throats=f"{TWIN}/network_throats.csv",
     output:
         flow=f"{TWIN}/flow.csv",
-    params:
-        settings=settings("flow"),
-        science=science("flow"),
     log:
         f"{TWIN}/logs/flow.log",
     benchmark:
         f"{TWIN}/benchmarks/flow.tsv"
+    conda:
+        ENVS["analysis"]
     resources:
         mem_mb=4000,
         runtime=60,
-    conda:
-        ENVS["analysis"]
+    params:
+        settings=settings("flow"),
+        science=science("flow"),
     script:
         "../../scripts/flow.py"
 
@@ -80,17 +80,17 @@ rule contacts:
     output:
         contacts=f"{TWIN}/contacts.csv",
         summary=f"{TWIN}/contacts.json",
-    params:
-        settings=settings("contacts"),
-        science=science("contacts"),
     log:
         f"{TWIN}/logs/contacts.log",
     benchmark:
         f"{TWIN}/benchmarks/contacts.tsv"
+    conda:
+        ENVS["analysis"]
     resources:
         mem_mb=3000,
         runtime=60,
-    conda:
-        ENVS["analysis"]
+    params:
+        settings=settings("contacts"),
+        science=science("contacts"),
     script:
         "../../scripts/contacts.py"

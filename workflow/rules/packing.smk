@@ -8,19 +8,19 @@ rule scene:
         section=f"{SAMPLE}/section.zarr.zip",
     output:
         scene=f"{VARIANT}/scene.json",
-    params:
-        row=sample_row,
-        settings=settings("scene", "packing"),
-        science=science("packing"),
     log:
         f"{VARIANT}/logs/scene.log",
     benchmark:
         f"{VARIANT}/benchmarks/scene.tsv"
+    conda:
+        ENVS["analysis"]
     resources:
         mem_mb=1000,
         runtime=5,
-    conda:
-        ENVS["analysis"]
+    params:
+        row=sample_row,
+        settings=settings("scene", "packing"),
+        science=science("packing"),
     script:
         "../../scripts/scene.py"
 
@@ -33,20 +33,20 @@ rule first_packing:
     output:
         bodies=f"{TWIN}/first/bodies.csv",
         packing=f"{TWIN}/first/packing.json",
-    params:
-        stream=stream,
-        settings=settings("scene", "packing"),
-        science=science("packing"),
     log:
         f"{TWIN}/logs/first_packing.log",
     benchmark:
         f"{TWIN}/benchmarks/first_packing.tsv"
-    resources:
-        mem_mb=3000,
-        runtime=240,
     cache: "omit-software"
     conda:
         ENVS["packing"]
+    resources:
+        mem_mb=3000,
+        runtime=240,
+    params:
+        stream=stream,
+        settings=settings("scene", "packing"),
+        science=science("packing"),
     script:
         "../../scripts/first_packing.py"
 
@@ -60,21 +60,26 @@ rule virtual_spheres:
         sizes=f"{TWIN}/virtual_spheres.csv",
         plan=f"{TWIN}/virtual_spheres.json",
         pores=f"{TWIN}/first/pores2d.csv",
-    params:
-        stream=stream,
-        settings=settings(
-            "scene", "virtual_spheres", "correction", "morphology", "stereology", "correlation"
-        ),
-        science=science("packing", "morphology", "stereology"),
     log:
         f"{TWIN}/logs/virtual_spheres.log",
     benchmark:
         f"{TWIN}/benchmarks/virtual_spheres.tsv"
+    conda:
+        ENVS["analysis"]
     resources:
         mem_mb=3000,
         runtime=30,
-    conda:
-        ENVS["analysis"]
+    params:
+        stream=stream,
+        settings=settings(
+            "scene",
+            "virtual_spheres",
+            "correction",
+            "morphology",
+            "stereology",
+            "correlation",
+        ),
+        science=science("packing", "morphology", "stereology"),
     script:
         "../../scripts/virtual_spheres.py"
 
@@ -90,19 +95,19 @@ rule second_packing:
     output:
         bodies=f"{TWIN}/second/bodies.csv",
         packing=f"{TWIN}/second/packing.json",
-    params:
-        stream=stream,
-        settings=settings("scene", "packing", "virtual_spheres", "correction"),
-        science=science("packing", "volume"),
     log:
         f"{TWIN}/logs/second_packing.log",
     benchmark:
         f"{TWIN}/benchmarks/second_packing.tsv"
-    resources:
-        mem_mb=4000,
-        runtime=480,
     cache: "omit-software"
     conda:
         ENVS["packing"]
+    resources:
+        mem_mb=4000,
+        runtime=480,
+    params:
+        stream=stream,
+        settings=settings("scene", "packing", "virtual_spheres", "correction"),
+        science=science("packing", "volume"),
     script:
         "../../scripts/second_packing.py"

@@ -6,23 +6,23 @@ rule synthesise:
         section=f"{SAMPLE}/section.zarr.zip",
         reference=f"{SAMPLE}/reference.zarr.zip",
         sizes=f"{SAMPLE}/truth_sizes.csv",
+    log:
+        f"{SAMPLE}/logs/synthesise.log",
+    benchmark:
+        f"{SAMPLE}/benchmarks/synthesise.tsv"
     wildcard_constraints:
         sample=any_of(SYNTHETIC),
+    cache: "omit-software"
+    conda:
+        ENVS["analysis"]
+    resources:
+        mem_mb=4000,
+        runtime=30,
     params:
         stream=stream,
         row=sample_row,
         settings=settings("synthetic"),
         science=science("section"),
-    log:
-        f"{SAMPLE}/logs/synthesise.log",
-    benchmark:
-        f"{SAMPLE}/benchmarks/synthesise.tsv"
-    resources:
-        mem_mb=4000,
-        runtime=30,
-    cache: "omit-software"
-    conda:
-        ENVS["analysis"]
     script:
         "../../scripts/synthesise.py"
 
@@ -32,21 +32,21 @@ rule read_section:
         image=sample_image,
     output:
         section=f"{SAMPLE}/section.zarr.zip",
-    wildcard_constraints:
-        sample=any_of(s for s in SAMPLES if s not in SYNTHETIC),
-    params:
-        row=sample_row,
-        settings=settings("section"),
-        science=science("section"),
     log:
         f"{SAMPLE}/logs/read_section.log",
     benchmark:
         f"{SAMPLE}/benchmarks/read_section.tsv"
+    wildcard_constraints:
+        sample=any_of(s for s in SAMPLES if s not in SYNTHETIC),
+    conda:
+        ENVS["analysis"]
     resources:
         mem_mb=4000,
         runtime=30,
-    conda:
-        ENVS["analysis"]
+    params:
+        row=sample_row,
+        settings=settings("section"),
+        science=science("section"),
     script:
         "../../scripts/read_section.py"
 
@@ -56,19 +56,19 @@ rule read_reference:
         image=reference_image,
     output:
         reference=f"{SAMPLE}/reference.zarr.zip",
-    wildcard_constraints:
-        sample=any_of(s for s in REFERENCED if s not in SYNTHETIC),
-    params:
-        row=sample_row,
-        science=science("section"),
     log:
         f"{SAMPLE}/logs/read_reference.log",
     benchmark:
         f"{SAMPLE}/benchmarks/read_reference.tsv"
+    wildcard_constraints:
+        sample=any_of(s for s in REFERENCED if s not in SYNTHETIC),
+    conda:
+        ENVS["analysis"]
     resources:
         mem_mb=8000,
         runtime=60,
-    conda:
-        ENVS["analysis"]
+    params:
+        row=sample_row,
+        science=science("section"),
     script:
         "../../scripts/read_reference.py"

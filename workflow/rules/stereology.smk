@@ -8,18 +8,18 @@ rule unfold_sizes:
         summary=f"{SAMPLE}/section.json",
     output:
         sizes=f"{SAMPLE}/sizes.csv",
-    params:
-        stream=stream,
-        settings=settings("stereology"),
-        science=science("stereology"),
     log:
         f"{SAMPLE}/logs/unfold_sizes.log",
     benchmark:
         f"{SAMPLE}/benchmarks/unfold_sizes.tsv"
+    conda:
+        ENVS["analysis"]
     resources:
         mem_mb=2000,
         runtime=30,
-    conda:
-        ENVS["analysis"]
+    params:
+        stream=stream,
+        settings=settings("stereology"),
+        science=science("stereology"),
     script:
         "../../scripts/unfold_sizes.py"

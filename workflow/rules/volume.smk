@@ -8,18 +8,18 @@ rule packed_volume:
         bodies=f"{TWIN}/{{packing}}/bodies.csv",
     output:
         volume=f"{TWIN}/{{packing}}/volume.zarr.zip",
-    params:
-        stream=stream,
-        science=science("volume"),
     log:
         f"{TWIN}/logs/{{packing}}_volume.log",
     benchmark:
         f"{TWIN}/benchmarks/{{packing}}_volume.tsv"
+    conda:
+        ENVS["analysis"]
     resources:
         mem_mb=4000,
         runtime=30,
-    conda:
-        ENVS["analysis"]
+    params:
+        stream=stream,
+        science=science("volume"),
     script:
         "../../scripts/packed_volume.py"
 
@@ -33,19 +33,19 @@ rule twin:
         twin=f"{TWIN}/twin.zarr.zip",
         bodies=f"{TWIN}/bodies.csv",
         correction=f"{TWIN}/correction.json",
-    params:
-        stream=stream,
-        settings=settings("correction"),
-        science=science("volume"),
     log:
         f"{TWIN}/logs/twin.log",
     benchmark:
         f"{TWIN}/benchmarks/twin.tsv"
+    conda:
+        ENVS["analysis"]
     resources:
         mem_mb=4000,
         runtime=60,
-    conda:
-        ENVS["analysis"]
+    params:
+        stream=stream,
+        settings=settings("correction"),
+        science=science("volume"),
     script:
         "../../scripts/twin.py"
 
@@ -61,22 +61,22 @@ rule export:
         vti=f"{TWIN}/export/twin.vti",
         glb=f"{TWIN}/export/grains.glb",
         stl=f"{TWIN}/export/grains.stl",
-    params:
-        science=science("volume", "grains"),
     log:
         f"{TWIN}/logs/export.log",
     benchmark:
         f"{TWIN}/benchmarks/export.tsv"
+    conda:
+        ENVS["analysis"]
     resources:
         mem_mb=4000,
         runtime=30,
-    conda:
-        ENVS["analysis"]
+    params:
+        science=science("volume", "grains"),
     script:
         "../../scripts/export.py"
 
 
 rule exports:
-    localrule: True
     input:
         twins("export/twin.mhd"),
+    localrule: True

@@ -1,0 +1,107 @@
+"""The scene of a twin: region of interest, voxels and targets, in one table of plain numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from grainfall.errors import InputError
+from grainfall.packing.mixing import phase_probabilities
+from grainfall.stereology import SizeDistribution
+
+LEAST_GRAINS = 3
+"""Narrower regions, in mean grains, are all boundary."""
+
+MOST_VOXELS = 4_000_000_000
+"""Larger volumes overflow 32-bit labels."""
+
+
+def plan_scene(
+    sizes: dict[tuple[int, str], SizeDistribution],
+    section: dict,
+    *,
+    edge_um: float | None,
+    edge_grains: float,
+    voxel_size_um: float | None,
+    voxels_per_grain: float | None,
+    porosity: float | None,
+    margin_grains: float,
+    sizes_from: str,
+    porosity_of_sample: float | None = None,
+) -> dict:
+    """Lay out the region of interest and its targets.
+
+    The mean grain that measures lengths is the number mean over all minerals of the unfolded 3D
+    diameters, whichever distribution the grains will follow, so that variants share one region.
+
+    Parameters
+    ----------
+    sizes : dict
+        (phase, kind) to its size distribution.
+    section : dict
+        ``phases``, ``porosity``, ``fractions`` (of the solid, one a mineral), ``pixel_size_um``.
+    edge_um, edge_grains : float
+        Edge of the cubic region in um, or in mean grain diameters where ``edge_um`` is None.
+    voxel_size_um, voxels_per_grain : float or None
+        Voxel edge in um, or voxels across the mean grain; with neither, the section's pixel size.
+    porosity : float or None
+        Target; None takes ``porosity_of_sample``, else the section's areal porosity.
+    margin_grains : float
+        Distance from walls, floor and surface in mean grain diameters.
+    sizes_from : {"f3d", "f2d"}
+        The distribution that the grains follow.
+
+    Returns
+    -------
+    dict
+        shape_zyx, voxel_size_um, edge_um, margin_um, mean_diameter_um, phases, fractions,
+        mean_volumes_um3, probabilities, sizes_from, porosity_target, porosity_source.
+
+    Raises
+    ------
+    InputError
+        When the region cannot be resolved or holds no packing.
+    """
+    names, fractions = section["phases"], np.asarray(section["fractions"], float)
+    minerals = [sizes[n, "grain"] for n in range(1, len(names))]
+    share = phase_probabilities(fractions, [s.mean_volume("f3d") for s in minerals])
+    diameter = float(2 * share @ [s.mean("f3d") for s in minerals])
+    volumes = [float(s.mean_volume(sizes_from)) for s in minerals]
+
+    edge = edge_um or edge_grains * diameter
+    voxel = voxel_size_um or (diameter / voxels_per_grain if voxels_per_grain else section["pixel_size_um"])
+    n = max(1, round(edge / voxel))
+    if edge < LEAST_GRAINS * diameter:
+        raise InputError(
+            "scene.edge_um",
+            f"{edge:.4g} um is less than {LEAST_GRAINS} mean grains of {diameter:.4g} um",
+            f"at least {LEAST_GRAINS * diameter:.4g}; 10 mean grains are {10 * diameter:.4g}",
+        )
+    if n**3 > MOST_VOXELS:
+        raise InputError(
+            "scene.voxel_size_um",
+            f"{n} voxels an edge are {n**3:.3g} voxels",
+            f"a voxel size of at least {edge / MOST_VOXELS ** (1 / 3):.4g} um",
+        )
+    target, source = next(
+        (value, source)
+        for value, source in (
+            (porosity, "config scene.porosity"),
+            (porosity_of_sample, "sample sheet"),
+            (section["porosity"], "areal porosity of the section"),
+        )
+        if value is not None
+    )
+    return {
+        "shape_zyx": [n, n, n],
+        "voxel_size_um": float(voxel),
+        "edge_um": float(n * voxel),
+        "margin_um": float(margin_grains * diameter),
+        "mean_diameter_um": diameter,
+        "phases": list(names),
+        "fractions": fractions.tolist(),
+        "mean_volumes_um3": volumes,
+        "probabilities": phase_probabilities(fractions, volumes).tolist(),
+        "sizes_from": sizes_from,
+        "porosity_target": float(target),
+        "porosity_source": source,
+    }
