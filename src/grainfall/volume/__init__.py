@@ -1,0 +1,18 @@
+"""Volume: bodies become voxels; porosity, topology and contacts of the result; exports."""
+
+from grainfall.volume.correction import correct_porosity
+from grainfall.volume.export import export_metaimage, export_raw, export_vti
+from grainfall.volume.measures import adjacent_pairs, euler_number, porosity
+from grainfall.volume.scan import voxelise, voxelise_slabs
+
+__all__ = [
+    "adjacent_pairs",
+    "correct_porosity",
+    "euler_number",
+    "export_metaimage",
+    "export_raw",
+    "export_vti",
+    "porosity",
+    "voxelise",
+    "voxelise_slabs",
+]

@@ -1,0 +1,175 @@
+"""Sizes, shapes and weights of grains and pores against analytic shapes."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from grainfall.errors import InputError
+from grainfall.morphology import (
+    grain_masks,
+    inscribed_circles,
+    measure_grains,
+    sampling_weights,
+    split_grains,
+    split_pores,
+)
+
+
+def ellipse(shape, centre, axes, angle):
+    """Ellipse with its first axis at `angle` from x towards y, by pixel centres."""
+    y, x = np.indices(shape) + 0.5
+    u = (x - centre[1]) * np.cos(angle) + (y - centre[0]) * np.sin(angle)
+    v = -(x - centre[1]) * np.sin(angle) + (y - centre[0]) * np.cos(angle)
+    return ((u / axes[0]) ** 2 + (v / axes[1]) ** 2 < 1).astype(np.uint8)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.floats(12, 60), st.floats(0, 1), st.floats(0, 1), st.floats(0.1, 20))
+def test_discs_have_their_radius(radius, dy, dx, pixel):
+    edge = int(2 * radius) + 8
+    disc = ellipse((edge, edge), (edge / 2 + dy, edge / 2 + dx), (radius, radius), 0)
+    grain = measure_grains(split_grains(disc), disc, pixel).iloc[0]
+    assert grain.r_um == pytest.approx(radius * pixel, rel=0.01)
+    assert grain.y_um == pytest.approx((edge / 2 + dy) * pixel, abs=0.2 * pixel)
+    assert grain.x_um == pytest.approx((edge / 2 + dx) * pixel, abs=0.2 * pixel)
+    assert grain.aspect_ratio == pytest.approx(1, abs=0.03)
+    assert grain.circularity == pytest.approx(1, abs=0.06)
+    assert not grain.border
+    circle = inscribed_circles(split_pores(1 - disc), pixel).iloc[0]
+    assert circle.r_um == pytest.approx(radius * pixel, rel=0.01)
+    assert circle.y_um == pytest.approx((edge / 2 + dy) * pixel, abs=0.3 * pixel)
+    assert circle.x_um == pytest.approx((edge / 2 + dx) * pixel, abs=0.3 * pixel)
+
+
+@pytest.mark.parametrize("angle", [-1.2, -0.4, 0.0, 0.7, np.pi / 2])
+def test_an_ellipse_has_its_axes_and_direction(angle):
+    image = ellipse((140, 140), (70.2, 69.7), (60, 30), angle)
+    grain = measure_grains(image.astype(int), image, 2.0).iloc[0]
+    assert grain.aspect_ratio == pytest.approx(2, rel=0.01)
+    turn = (grain.orientation_rad - angle + np.pi / 2) % np.pi - np.pi / 2
+    assert turn == pytest.approx(0, abs=0.01)
+    assert -np.pi / 2 < grain.orientation_rad <= np.pi / 2
+    extent = 2 * np.hypot(60 * np.cos(angle), 30 * np.sin(angle))
+    assert grain.width_um == pytest.approx(2 * extent, abs=4)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.floats(4, 15), st.floats(0, np.pi), st.floats(0, 1))
+def test_a_channel_is_as_wide_as_its_circle_to_half_a_pixel(half, angle, shift):
+    """Walls are known to lie between pixel centres, no better: from 0 to half a pixel too wide."""
+    y, x = np.indices((80, 80)) - 39.5
+    offset = x * np.cos(angle) + y * np.sin(angle) + shift
+    channel = (np.abs(offset) < half) & (np.hypot(y, x) < 36)
+    r = inscribed_circles(channel.astype(np.int32), 1.0).r_um[0]
+    # One circle cannot slide freely along the walls: 0.1 pixel for the search.
+    assert half - 0.1 <= r <= half + 0.55
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_circles_hold_no_solid_and_none_is_smaller_than_its_pores_distance(seed):
+    from scipy.ndimage import distance_transform_edt, gaussian_filter
+
+    noise = np.random.default_rng(seed).normal(size=(50, 50))
+    phase = (gaussian_filter(noise, 3, mode="wrap") > 0).astype(np.uint8)
+    labels = split_pores(phase, min_radius_px=0)
+    solid = np.argwhere(labels == 0) + 0.5
+    distance = distance_transform_edt(labels > 0)
+    for circle in inscribed_circles(labels, 1.0).itertuples():
+        clear = np.sqrt(((solid - [circle.y_um, circle.x_um]) ** 2).sum(1)).min()
+        assert circle.r_um == pytest.approx(clear, abs=1e-9)
+        assert circle.r_um >= distance[labels == circle.pore].max() - 1e-5
+        assert labels[min(int(circle.y_um), 49), min(int(circle.x_um), 49)] > 0
+
+
+def test_border_grains_weigh_nothing_and_give_no_mask():
+    labels = np.zeros((60, 50), np.int32)
+    labels[0:9, 5:15], labels[20:30, 0:8], labels[50:60, 20:30], labels[20:30, 45:50] = 1, 2, 3, 4
+    labels[12:18, 12:24], labels[35:48, 30:34] = 5, 6
+    table = measure_grains(labels, (labels > 0).astype(np.uint8), 3.0)
+    assert table.border.tolist() == [True] * 4 + [False] * 2
+    assert (table.weight[:4] == 0).all()
+    free = np.array([(50 - 12) * (60 - 6), (50 - 4) * (60 - 13)])
+    assert np.allclose(table.weight[4:], 1 / free / (1 / free).mean())
+    masks = grain_masks(labels, table)
+    assert [m.shape for m in masks] == [(8, 14), (15, 6)]
+    assert [m.sum() * 9 for m in masks] == table.area_um2[4:].tolist()
+    assert not any(m[0].any() or m[-1].any() or m[:, 0].any() or m[:, -1].any() for m in masks)
+
+
+def test_grey_and_phase_go_with_the_grain():
+    labels = np.zeros((20, 30), np.int32)
+    labels[3:9, 3:12], labels[3:9, 12:20] = 4, 2
+    phase = np.where(labels == 4, 2, np.where(labels == 2, 1, 0)).astype(np.uint8)
+    grey = np.where(labels == 4, 90, 30).astype(np.uint8)
+    table = measure_grains(labels, phase, 1.0, grey).set_index("grain")
+    assert table.phase.to_dict() == {2: 1, 4: 2}
+    assert table.mean_grey.to_dict() == {2: 30, 4: 90}
+
+
+def test_nothing_to_measure():
+    empty = np.zeros((8, 8), np.int32)
+    assert measure_grains(empty, empty.astype(np.uint8), 1.0).empty
+    assert inscribed_circles(empty, 1.0).empty
+    assert grain_masks(empty, measure_grains(empty, empty.astype(np.uint8), 1.0)) == []
+    whole = inscribed_circles(empty + 1, 1.0)
+    assert whole.border.all()
+    assert (whole.weight == 0).all()
+
+
+@pytest.mark.parametrize("pixel", [0, -1, np.nan])
+def test_a_pixel_needs_a_size(pixel):
+    one = np.ones((3, 3), np.int32)
+    with pytest.raises(InputError, match="pixel_size_um"):
+        measure_grains(one, one.astype(np.uint8), pixel)
+    with pytest.raises(InputError, match="pixel_size_um"):
+        inscribed_circles(one, pixel)
+
+
+def hard_discs(rng, cells, cell, radii):
+    """One disc of either radius, at random, anywhere within every cell of a grid with a random origin."""
+    y, x = np.indices((cells * cell, cells * cell)) + 0.5
+    image = np.zeros(y.shape, np.uint8)
+    for i in range(cells):
+        for j in range(cells):
+            r = radii[rng.integers(2)]
+            cy, cx = (np.array([i, j]) * cell) + rng.uniform(r, cell - r, 2)
+            part = np.s_[i * cell : (i + 1) * cell, j * cell : (j + 1) * cell]
+            image[part] |= ((y[part] - cy) ** 2 + (x[part] - cx) ** 2 < r * r).astype(np.uint8)
+    return image
+
+
+def test_weighted_sizes_are_unbiased_where_the_naive_are_not():
+    """Small and large discs are equally many; a small frame cuts the large ones more often.
+
+    A disc of radius r is whole in a frame L with a probability in proportion to (L − 2r)², so the naive share
+    of large discs tends to (L − 2R)² / ((L − 2R)² + (L − 2r)²), the weighted one to ½.
+    """
+    rng = np.random.default_rng(5)
+    small, large, cell, frame = 4, 14, 32, 100
+    tables = []
+    for _ in range(150):
+        image = hard_discs(rng, 5, cell, (small, large))
+        y, x = rng.integers(0, cell, 2)
+        window = image[y : y + frame, x : x + frame]
+        tables.append(measure_grains(split_grains(window), window, 1.0))
+    table = pd.concat(tables, keys=range(len(tables)), names=["frame", None]).reset_index("frame")
+    table["weight"] = sampling_weights(table.width_um, table.height_um, table.border, (frame, frame))
+    table["large"] = table.r_um > (small + large) / 2
+    table = table[~table.border]
+
+    def share(column):
+        """Weighted share of large discs, and its standard error over frames."""
+        sums = pd.DataFrame({"of": table.large * column, "all": column}).groupby(table.frame).sum()
+        value = sums["of"].sum() / sums["all"].sum()
+        spread = (sums["of"] - value * sums["all"]).std() * np.sqrt(len(sums)) / sums["all"].sum()
+        return value, spread
+
+    naive, naive_error = share(1.0 + 0 * table.weight)
+    weighted, weighted_error = share(table.weight)
+    expected = (frame - 2 * large) ** 2 / ((frame - 2 * large) ** 2 + (frame - 2 * small) ** 2)
+    assert naive == pytest.approx(expected, abs=3 * naive_error)
+    assert weighted == pytest.approx(0.5, abs=3 * weighted_error)
+    assert abs(naive - 0.5) > 5 * naive_error

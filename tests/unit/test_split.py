@@ -1,0 +1,144 @@
+"""Splitting: what topology and geometry say must come out."""
+
+import edt
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy import ndimage
+from skimage.morphology import disk, h_maxima
+
+from grainfall.errors import InputError
+from grainfall.morphology import coverage, split_grains, split_pores
+
+PHASES = arrays(np.uint8, st.tuples(st.integers(1, 24), st.integers(1, 24)), elements=st.integers(0, 2))
+
+
+def discs(shape, centres, radii):
+    """Union of discs, by pixel centres."""
+    y, x = np.indices(shape) + 0.5
+    image = np.zeros(shape, np.uint8)
+    for (cy, cx), r in zip(centres, radii, strict=True):
+        image[(y - cy) ** 2 + (x - cx) ** 2 < r * r] = 1
+    return image
+
+
+@pytest.mark.parametrize("radius", [20, 60])
+@pytest.mark.parametrize("neck", [0.5, 0.8, 0.85, 0.95])
+@pytest.mark.parametrize("persistence", [0.1, 0.3])
+def test_two_equal_discs_are_split_where_their_neck_is_narrow_enough(radius, neck, persistence):
+    """Half the common chord of two discs at distance c is √(R² − c²/4): a saddle of known height."""
+    half = radius * np.sqrt(1 - neck**2)
+    centre = radius + 3.3
+    image = discs(
+        (int(2 * centre), int(2 * (centre + half))),
+        [(centre, centre), (centre, centre + 2 * half)],
+        [radius] * 2,
+    )
+    digitisation = 1 / radius
+    if abs(1 - neck - persistence) < 1.5 * digitisation:
+        pytest.skip("within a pixel of the threshold")
+    expected = 2 if 1 - neck > max(persistence, digitisation) else 1
+    assert split_grains(image, persistence=persistence).max() == expected
+
+
+def test_the_cut_lies_at_the_neck():
+    """Two unequal discs: the basins meet on the common chord."""
+    image = discs((100, 150), [(50, 45), (50, 105)], [38, 30])
+    labels = split_grains(image)
+    chord = 45 + (60**2 + 38**2 - 30**2) / (2 * 60)
+    assert labels.max() == 2
+    for label, side in (
+        (labels[50, 45], slice(0, int(chord) - 2)),
+        (labels[50, 105], slice(int(chord) + 3, 150)),
+    ):
+        assert set(np.unique(labels[:, side][image[:, side] > 0])) == {label}
+
+
+@settings(max_examples=60, deadline=None)
+@given(PHASES.map(lambda a: (a > 0).astype(np.uint8)))
+def test_as_many_grains_as_h_maxima(image):
+    """With no relative threshold the split counts the h-maxima of the distance map, h one pixel."""
+    distance = edt.edt(image, black_border=False).astype(np.float64)
+    if not np.isfinite(distance).all():
+        return
+    # Persistence of exactly one pixel is kept; a little less is asked for so that rounding cannot decide.
+    maxima = h_maxima(distance, 1 - 1e-3, footprint=disk(1)) * (distance > 0)
+    count = ndimage.label(maxima)[1]
+    assert split_grains(image, persistence=0, min_radius_px=0).max() == count
+
+
+@settings(max_examples=60, deadline=None)
+@given(PHASES, st.floats(0, 0.9))
+def test_a_grain_is_one_connected_piece_of_one_mineral(phase, persistence):
+    labels = split_grains(phase, persistence=persistence, min_radius_px=0)
+    assert np.array_equal(labels > 0, phase > 0)
+    first = [np.flatnonzero(labels == k)[0] for k in range(1, labels.max() + 1)]
+    assert first == sorted(first)
+    for k in range(1, labels.max() + 1):
+        assert ndimage.label(labels == k)[1] == 1
+        assert len(np.unique(phase[labels == k])) == 1
+
+
+@settings(max_examples=30, deadline=None)
+@given(PHASES, st.floats(0, 0.5), st.floats(0, 0.45))
+def test_a_higher_threshold_only_joins(phase, persistence, more):
+    """Basins at a higher threshold are unions of those at a lower one."""
+    fine = split_grains(phase, persistence=persistence, min_radius_px=0)
+    coarse = split_grains(phase, persistence=persistence + more, min_radius_px=0)
+    for k in range(1, fine.max() + 1):
+        assert len(np.unique(coarse[fine == k])) == 1
+
+
+def test_specks_get_no_label_and_are_counted():
+    phase = discs((40, 60), [(20, 20), (20, 50)], [12, 1.4])
+    labels = split_grains(phase, min_radius_px=2)
+    assert labels.max() == 1
+    report = coverage(labels, phase > 0)
+    speck = np.count_nonzero(phase[:, 40:])
+    assert report == {"objects": 1, "speck_fraction": speck / np.count_nonzero(phase)}
+    assert split_grains(phase, min_radius_px=0).max() == 2
+
+
+def test_outlines_are_taken_as_they_are():
+    """Two pieces, or two minerals, under one outline are different grains; solid outside outlines is none."""
+    instances = np.zeros((20, 40), np.int32)
+    instances[2:18, 2:10] = instances[2:18, 10:18] = 7
+    instances[2:8, 20:28] = instances[12:18, 20:28] = 9
+    instances[2:18, 30:34], instances[2:18, 34:38] = 3, 4
+    phase = (instances > 0).astype(np.uint8)
+    phase[2:18, 10:18] = 2
+    phase[0, :] = 1
+    labels = split_grains(phase, instances)
+    assert labels.max() == 6
+    assert not labels[0].any()
+    assert labels[5, 5] != labels[5, 12]
+    assert labels[5, 22] != labels[15, 22]
+    assert labels[5, 31] != labels[5, 36]
+
+
+def test_pores_are_split_as_grains_are():
+    solid = 1 - discs((90, 160), [(45, 45), (45, 110)], [35, 35])
+    assert split_pores(solid).max() == 2
+    assert np.array_equal(split_pores(solid) > 0, solid == 0)
+
+
+@pytest.mark.parametrize("value", [0, 1])
+def test_an_image_of_one_phase(value):
+    phase = np.full((9, 7), value, np.uint8)
+    assert split_grains(phase).max() == value
+    assert split_pores(phase).max() == 1 - value
+
+
+@pytest.mark.parametrize("wrong", [-0.1, 1.0, np.nan])
+def test_a_threshold_out_of_range_is_the_users_mistake(wrong):
+    with pytest.raises(InputError, match="persistence"):
+        split_grains(np.ones((5, 5), np.uint8), persistence=wrong)
+
+
+def test_arrays_that_do_not_fit_are_refused():
+    with pytest.raises(InputError, match="instances"):
+        split_grains(np.ones((5, 5), np.uint8), np.ones((5, 6), int))
+    with pytest.raises(InputError, match="phase"):
+        split_grains(np.ones((5, 5)))
