@@ -7,11 +7,21 @@ from grainfall.section import load_section
 
 with stage(snakemake) as progress:
     section = load_section(snakemake.input.section)
-    found = morphology.analyse_section(
-        section,
+    found = morphology.analyse(
+        section.phase,
+        section.pixel_size_um,
+        instances=section.instances,
+        grey=section.grey,
+        phases=section.phases,
         rules=snakemake.params.settings["section"]["rules"],
         **snakemake.params.settings["morphology"],
     )
+    summary = found.summary(section.phases) | {
+        "pixel_size_um": section.pixel_size_um,
+        "shape_yx": list(section.phase.shape),
+        "outlined": section.instances is not None,
+        "notes": section.notes,
+    }
     io.write_volume(
         snakemake.output.labels,
         {"grains": found.grain_labels, "pores": found.pore_labels, "phase": found.phase},
@@ -19,5 +29,5 @@ with stage(snakemake) as progress:
     )
     io.write_table(snakemake.output.grains, found.grains)
     io.write_table(snakemake.output.pores, found.pores)
-    io.write_json(snakemake.output.summary, found.summary)
-    progress.say("{n_grains} grains, {n_pores} pores, porosity {porosity:.4f}".format(**found.summary))
+    io.write_json(snakemake.output.summary, summary)
+    progress.say("{n_grains} grains, {n_pores} pores, porosity {porosity:.4f}".format(**summary))

@@ -31,3 +31,22 @@ def generator(seed: int, sample: str, realization: int, chapter: str) -> np.rand
     key = "\x1f".join([str(int(seed)), sample, str(int(realization)), chapter])
     digest = hashlib.blake2b(key.encode(), digest_size=32).digest()
     return np.random.default_rng(np.frombuffer(digest, dtype=np.uint32))
+
+
+def slices(rng: np.random.Generator, shape: tuple[int, int, int], n: int) -> list[tuple[int, int]]:
+    """``n`` different plane slices of a volume, drawn over its three axes.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    shape : (nz, ny, nx)
+    n : int
+        Number wanted; all there are where the volume has fewer.
+
+    Returns
+    -------
+    list of (axis, index)
+        Axis 0, 1, 2 for slices normal to z, y, x.
+    """
+    every = [(axis, index) for axis in range(3) for index in range(shape[axis])]
+    return [every[k] for k in rng.permutation(len(every))[:n]]

@@ -119,13 +119,6 @@ def reference_image(wildcards):
     return SAMPLES[wildcards.sample]["reference"]
 
 
-def slices_per_twin():
-    """Enough slices of each realization for the cloud and, together, for the envelope test."""
-    correlation = CONFIG["correlation"]
-    share = -(-correlation["envelope_slices"] // len(REALIZATIONS))
-    return max(correlation["slices"], share)
-
-
 def twins(path, **wildcards):
     """``path`` below every twin's folder, or below those that ``wildcards`` picks."""
     chosen = {

@@ -4,7 +4,6 @@
 rule s2_chunk:
     input:
         volume=f"{TWIN}/twin.zarr.zip",
-        section=f"{SAMPLE}/section.zarr.zip",
     output:
         s2=temp(f"{TWIN}/s2_slices/{{scatteritem}}.csv"),
     log:
@@ -18,7 +17,7 @@ rule s2_chunk:
         runtime=30,
     params:
         stream=stream,
-        slices=slices_per_twin(),
+        settings=settings("correlation"),
         science=science("correlation"),
     script:
         "../../scripts/s2_chunk.py"
@@ -77,9 +76,10 @@ use rule s2_volume as reference_s2 with:
 
 rule s2_envelope:
     input:
-        section=f"{SAMPLE}/section.zarr.zip",
-        scene=f"{VARIANT}/scene.json",
-        s2=expand(f"{TWIN}/s2_slices.csv", realization=REALIZATIONS, allow_missing=True),
+        labels=f"{SAMPLE}/labels.zarr.zip",
+        twins=expand(
+            f"{TWIN}/twin.zarr.zip", realization=REALIZATIONS, allow_missing=True
+        ),
     output:
         envelope=f"{VARIANT}/s2_envelope.csv",
         test=f"{VARIANT}/s2_envelope.json",
@@ -93,6 +93,8 @@ rule s2_envelope:
         mem_mb=2000,
         runtime=10,
     params:
+        stream=stream,
+        settings=settings("correlation"),
         science=science("correlation"),
     script:
         "../../scripts/s2_envelope.py"

@@ -28,7 +28,7 @@ rule morphology:
 rule measure_slices:
     input:
         twin=f"{TWIN}/twin.zarr.zip",
-        section=f"{SAMPLE}/section.zarr.zip",
+        summary=f"{SAMPLE}/section.json",
     output:
         grains=f"{TWIN}/grains2d.csv",
         pores=f"{TWIN}/pores2d.csv",
@@ -47,3 +47,27 @@ rule measure_slices:
         science=science("morphology"),
     script:
         "../../scripts/measure_slices.py"
+
+
+rule section_as_resolved:
+    input:
+        section=f"{SAMPLE}/section.zarr.zip",
+        labels=f"{SAMPLE}/labels.zarr.zip",
+        scene=f"{VARIANT}/scene.json",
+    output:
+        grains=f"{VARIANT}/section_grains2d.csv",
+        pores=f"{VARIANT}/section_pores2d.csv",
+    params:
+        settings=settings("morphology"),
+        science=science("morphology"),
+    log:
+        f"{VARIANT}/logs/section_as_resolved.log",
+    benchmark:
+        f"{VARIANT}/benchmarks/section_as_resolved.tsv"
+    resources:
+        mem_mb=4000,
+        runtime=30,
+    conda:
+        ENVS["analysis"]
+    script:
+        "../../scripts/section_as_resolved.py"

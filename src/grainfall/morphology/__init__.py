@@ -1,14 +1,20 @@
 """Morphology: grains and pores of a section, their sizes, shapes and sampling weights."""
 
+from grainfall.morphology.analyse import Analysis, analyse, measure_slices
+from grainfall.morphology.classify import classify_grains
 from grainfall.morphology.measure import grain_masks, measure_grains, sampling_weights
 from grainfall.morphology.pores import inscribed_circles
 from grainfall.morphology.split import coverage, split_grains, split_pores
 
 __all__ = [
+    "Analysis",
+    "analyse",
+    "classify_grains",
     "coverage",
     "grain_masks",
     "inscribed_circles",
     "measure_grains",
+    "measure_slices",
     "sampling_weights",
     "split_grains",
     "split_pores",

@@ -1,0 +1,23 @@
+"""Grains and pore circles on slices of the twin, measured as on the section."""
+
+from _stage import stage
+
+from grainfall import io, morphology, random
+
+with stage(snakemake):
+    phase, attributes = io.read_volume(snakemake.input.twin, "phase")
+    outlined = io.read_json(snakemake.input.summary)["outlined"]
+    body = io.read_volume(snakemake.input.twin, "body")[0] if outlined else None
+    grains, pores = morphology.measure_slices(
+        phase,
+        attributes["voxel_size_um"],
+        random.slices(
+            random.generator(**snakemake.params.stream, chapter="morphology/slices"),
+            phase.shape,
+            snakemake.params.settings["correlation"]["slices"],
+        ),
+        body=body,
+        **snakemake.params.settings["morphology"],
+    )
+    io.write_table(snakemake.output.grains, grains)
+    io.write_table(snakemake.output.pores, pores)

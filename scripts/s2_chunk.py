@@ -1,0 +1,18 @@
+"""S2 of this chunk's share of the random slices; every chunking gives the same rows."""
+
+from _stage import stage
+
+from grainfall import correlation, io, random
+
+with stage(snakemake):
+    phase, attributes = io.read_volume(snakemake.input.volume)
+    chunk, chunks = map(int, snakemake.wildcards.scatteritem.split("-of-"))
+    n = snakemake.params.settings["correlation"]["slices"]
+    drawn = random.slices(
+        random.generator(**snakemake.params.stream, chapter="correlation/slices"), phase.shape, n
+    )
+    first, last = (chunk - 1) * len(drawn) // chunks, chunk * len(drawn) // chunks
+    io.write_table(
+        snakemake.output.s2,
+        correlation.s2_of_slices(phase, drawn[first:last], attributes["voxel_size_um"], start=first),
+    )

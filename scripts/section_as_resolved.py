@@ -1,0 +1,20 @@
+"""The section measured at the twin's voxel size, so that both are compared at one resolution."""
+
+from _stage import stage
+
+from grainfall import io, morphology
+from grainfall.section import load_section, resample
+
+with stage(snakemake):
+    section = load_section(snakemake.input.section)
+    phase, _ = io.read_volume(snakemake.input.labels, "phase")
+    voxel = io.read_json(snakemake.input.scene)["voxel_size_um"]
+    instances = section.instances
+    found = morphology.analyse(
+        resample(phase, section.pixel_size_um, voxel),
+        voxel,
+        instances=None if instances is None else resample(instances, section.pixel_size_um, voxel),
+        **snakemake.params.settings["morphology"],
+    )
+    io.write_table(snakemake.output.grains, found.grains)
+    io.write_table(snakemake.output.pores, found.pores)

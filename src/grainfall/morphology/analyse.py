@@ -1,0 +1,126 @@
+"""A whole section, or slices of a volume, taken through every step of this chapter in the same way."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from grainfall.morphology.classify import classify_grains
+from grainfall.morphology.measure import measure_grains
+from grainfall.morphology.pores import inscribed_circles
+from grainfall.morphology.split import MIN_RADIUS_PX, PERSISTENCE, coverage, split_grains, split_pores
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """What an image shows.
+
+    Attributes
+    ----------
+    phase : (y, x) ndarray of uint8
+        0 pore, 1…M minerals; as given, or by the feature rules.
+    grain_labels, pore_labels : (y, x) ndarray of int32
+    grains, pores : DataFrame
+        As :func:`measure_grains` and :func:`inscribed_circles` give them.
+    """
+
+    phase: np.ndarray
+    grain_labels: np.ndarray
+    pore_labels: np.ndarray
+    grains: pd.DataFrame
+    pores: pd.DataFrame
+
+    def summary(self, phases: Sequence[str]) -> dict:
+        """Counts and area fractions; every pixel counts, specks and cut grains too."""
+        count = np.bincount(self.phase.ravel(), minlength=len(phases))[: len(phases)]
+        return {
+            "phases": list(phases),
+            "porosity": float(count[0] / count.sum()),
+            "fractions": (count[1:] / count[1:].sum()).tolist(),
+            "n_grains": len(self.grains),
+            "n_grains_uncut": int((self.grains.weight > 0).sum()),
+            "n_pores": len(self.pores),
+            "grain_speck_fraction": coverage(self.grain_labels, self.phase > 0)["speck_fraction"],
+            "pore_speck_fraction": coverage(self.pore_labels, self.phase == 0)["speck_fraction"],
+        }
+
+
+def analyse(
+    phase: np.ndarray,
+    pixel_size_um: float,
+    *,
+    instances: np.ndarray | None = None,
+    grey: np.ndarray | None = None,
+    phases: Sequence[str] = (),
+    rules: Sequence[Mapping] = (),
+    grain_persistence: float = PERSISTENCE,
+    pore_persistence: float = PERSISTENCE,
+    min_radius_px: float = MIN_RADIUS_PX,
+) -> Analysis:
+    """Split and measure the grains and the pores of one image.
+
+    Parameters
+    ----------
+    phase : (y, x) ndarray of uint8
+        0 pore, 1…M minerals.
+    pixel_size_um : float
+    instances, grey : (y, x) ndarray, optional
+        Outlined grains; grey values.
+    phases : sequence of str
+        Names, index 0 the pore; needed by ``rules`` only.
+    rules : sequence of mapping
+        Mineral of a grain by its features, see :func:`classify_grains`.
+    grain_persistence, pore_persistence, min_radius_px : float
+        See :func:`split_grains`.
+
+    Returns
+    -------
+    Analysis
+    """
+    labels = split_grains(phase, instances, persistence=grain_persistence, min_radius_px=min_radius_px)
+    grains = measure_grains(labels, phase, pixel_size_um, grey)
+    if rules:
+        grains, phase = classify_grains(grains, labels, phase, rules, phases)
+    pore_labels = split_pores(phase, persistence=pore_persistence, min_radius_px=min_radius_px)
+    return Analysis(phase, labels, pore_labels, grains, inscribed_circles(pore_labels, pixel_size_um))
+
+
+def measure_slices(
+    phase: np.ndarray,
+    voxel_size_um: float,
+    slices: Iterable[tuple[int, int]],
+    *,
+    body: np.ndarray | None = None,
+    **settings: float,
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Grains and pore circles on plane slices of a volume, by the steps that a section goes through.
+
+    Parameters
+    ----------
+    phase : (z, y, x) ndarray of uint8
+    voxel_size_um : float
+    slices : iterable of (axis, index)
+    body : (z, y, x) ndarray of int, optional
+        Body of each voxel: where the section came with its grains outlined, those of the slices are known too.
+    **settings
+        Persistences and resolution limit, as :func:`analyse` takes them.
+
+    Returns
+    -------
+    grains, pores : DataFrame
+        As of a section, with the columns slice, axis and index in front.
+    """
+    grains, pores = [], []
+    for number, (axis, index) in enumerate(slices):
+        plane = np.ascontiguousarray(np.take(phase, index, axis))
+        outlines = None if body is None else np.ascontiguousarray(np.take(body, index, axis))
+        found = analyse(plane, voxel_size_um, instances=outlines, **settings)
+        for tables, table in ((grains, found.grains), (pores, found.pores)):
+            table.insert(0, "slice", number)
+            table.insert(1, "axis", "zyx"[axis])
+            table.insert(2, "index", index)
+            tables.append(table)
+    return pd.concat(grains, ignore_index=True), pd.concat(pores, ignore_index=True)
