@@ -15,8 +15,10 @@ def inscribed_circles(labels: np.ndarray, pixel_size_um: float) -> pd.DataFrame:
     """The largest circle in the pore space that has its centre in each pore.
 
     The circle is the largest that holds no pixel centre of the solid, its own centre free to lie between
-    pixel centres. Its radius is that of a disc to within 1 % from a radius of 8 pixels on; between flat walls
-    it lies 0 to 0.5 pixel above the true one, which is unknown to that extent.
+    pixel centres. That bounds the true circle from above, for a wall lies somewhere between the outermost
+    pixel centre of the pore and the innermost one of the solid: where the circle touches, half of this gap is
+    taken off (half a pixel at a flat wall along the grid, next to nothing at a round one). On average the
+    radius is then true to about 0.1 pixel for discs, channels and triangles alike.
 
     Parameters
     ----------
@@ -68,6 +70,36 @@ def inscribed_circles(labels: np.ndarray, pixel_size_um: float) -> pd.DataFrame:
 
 
 @njit(cache=True)
+def _clearance(wall, count, y, x):
+    """Distance from (y, x) to the nearest of the first `count` rows of `wall`."""
+    nearest = np.inf
+    for m in range(count):
+        nearest = min(nearest, (wall[m, 0] - y) ** 2 + (wall[m, 1] - x) ** 2)
+    return np.sqrt(nearest)
+
+
+@njit(cache=True)
+def _gap(labels, y, x, r, row, column):
+    """What is left between the pore's pixel centres and the circle's rim, where it touches (row, column).
+
+    The pore is looked at beside the point of contact as far as a flat wall leaves the circle by a quarter
+    of a pixel: t²/2r = 1/4.
+    """
+    reach = max(1.0, np.sqrt(r / 2))
+    box = int(reach) + 2
+    along_y, along_x = (row - y) / r, (column - x) / r
+    outermost = r - 1.0
+    for i in range(max(row - box, 0), min(row + box + 1, labels.shape[0])):
+        for j in range(max(column - box, 0), min(column + box + 1, labels.shape[1])):
+            aside = (i - y) * along_x - (j - x) * along_y
+            ahead = (i - y) * along_y + (j - x) * along_x
+            distance = np.hypot(ahead, aside)
+            if labels[i, j] > 0 and ahead > 0 and abs(aside) <= reach and distance <= r:
+                outermost = max(outermost, distance)
+    return r - outermost
+
+
+@njit(cache=True)
 def _circles(labels, distance, count):
     """(count, 3) y, x, r of every label's circle in pixels; pixel i has its centre at i + 0.5."""
     rows, columns = labels.shape
@@ -83,31 +115,37 @@ def _circles(labels, distance, count):
     circles = np.zeros((count, 3))
     wall = np.empty((rows * columns, 2), np.int32)
     for k in range(1, count):
+        row, column = peak[k]
         # The solid pixels that can touch a circle whose centre is within one pixel of the peak.
         reach = height[k] + 2
         span = int(reach) + 1
         n = 0
-        for i in range(max(peak[k, 0] - span, 0), min(peak[k, 0] + span + 1, rows)):
-            for j in range(max(peak[k, 1] - span, 0), min(peak[k, 1] + span + 1, columns)):
-                if labels[i, j] == 0 and (i - peak[k, 0]) ** 2 + (j - peak[k, 1]) ** 2 <= reach**2:
+        for i in range(max(row - span, 0), min(row + span + 1, rows)):
+            for j in range(max(column - span, 0), min(column + span + 1, columns)):
+                if labels[i, j] == 0 and (i - row) ** 2 + (j - column) ** 2 <= reach**2:
                     wall[n] = i, j
                     n += 1
-        y, x, r = float(peak[k, 0]), float(peak[k, 1]), height[k]
+        if n == 0:
+            circles[k] = row + 0.5, column + 0.5, height[k]
+            continue
+        y, x, r = float(row), float(column), _clearance(wall, n, row, column)
         step = 0.5
-        while step > 0.005 and n > 0:
+        while step > 0.005:
             best, at = r, -1
-            for a in range(16):
+            for a in range(angle.size):
                 v, u = y + step * sine[a], x + step * cosine[a]
-                if abs(v - peak[k, 0]) > 0.7 or abs(u - peak[k, 1]) > 0.7:
-                    continue
-                near = np.inf
-                for m in range(n):
-                    near = min(near, (wall[m, 0] - v) ** 2 + (wall[m, 1] - u) ** 2)
-                if near > best**2 + 1e-9:
-                    best, at = np.sqrt(near), a
+                if abs(v - row) <= 0.7 and abs(u - column) <= 0.7:
+                    clear = _clearance(wall, n, v, u)
+                    if clear > best + 1e-9:
+                        best, at = clear, a
             if at < 0:
                 step /= 2
             else:
                 y, x, r = y + step * sine[at], x + step * cosine[at], best
-        circles[k] = y + 0.5, x + 0.5, r
+        contacts, gap = 0, 0.0
+        for m in range(n):
+            if np.hypot(wall[m, 0] - y, wall[m, 1] - x) <= r + 0.1:
+                contacts += 1
+                gap += _gap(labels, y, x, r, wall[m, 0], wall[m, 1])
+        circles[k] = y + 0.5, x + 0.5, r - gap / contacts / 2
     return circles

@@ -106,8 +106,8 @@ def coverage(labels: np.ndarray, inside: np.ndarray) -> dict[str, float]:
     dict
         ``objects``: number of labels; ``speck_fraction``: share of the pixels inside that got none.
     """
-    count = np.count_nonzero(inside)
-    left = np.count_nonzero(inside & (labels == 0))
+    count = int(np.count_nonzero(inside))
+    left = int(np.count_nonzero(inside & (labels == 0)))
     return {"objects": int(labels.max(initial=0)), "speck_fraction": left / count if count else 0.0}
 
 

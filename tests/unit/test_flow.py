@@ -1,0 +1,165 @@
+"""Permeability: ducts with known solutions, invariants, and volumes through which nothing flows."""
+
+import numpy as np
+import pytest
+
+from grainfall import flow, network
+from grainfall.errors import InputError
+from grainfall.units import MILLIDARCY_M2
+
+SQUARE_DUCT = 0.0351443
+"""Flow rate of a square duct over side^4 times pressure gradient over viscosity (series solution)."""
+
+
+def um2(k_md):
+    """From millidarcy to square micrometres."""
+    return np.asarray(k_md) * MILLIDARCY_M2 * 1e12
+
+
+def duct(width: int, length: int, shape: tuple[int, int], corner: tuple[int, int] = (2, 2)) -> np.ndarray:
+    """A straight square duct along x."""
+    pore = np.zeros((*shape, length), bool)
+    pore[corner[0] : corner[0] + width, corner[1] : corner[1] + width] = True
+    return pore
+
+
+def chain(diameter: float, spacing: float, n: int) -> network.Network:
+    """``n`` pores in a row along x, as wide as their throats: a straight duct of square section."""
+    net = network.empty()
+    net["pore.coords"] = np.outer(np.arange(n), [spacing, 0, 0])
+    net["throat.conns"] = np.stack([np.arange(n - 1), np.arange(1, n)], axis=1)
+    for name in list(net):
+        if name.endswith("_diameter"):
+            net[name] = np.full(n if name.startswith("pore.") else n - 1, diameter)
+        elif name in ("pore.volume", "pore.surface_area"):
+            net[name] = np.zeros(n)
+        elif name == "throat.coords":
+            net[name] = net["pore.coords"][:-1] + np.array([spacing / 2, 0, 0])
+        elif name.startswith("throat.") and name != "throat.conns":
+            net[name] = np.full(n - 1, spacing)
+    for name in ("boundary", *network.FACES):
+        net[f"pore.{name}"] = np.zeros(n, bool)
+    net["pore.xmin"][0] = net["pore.xmax"][-1] = True
+    net["pore.boundary"][[0, -1]] = True
+    return net
+
+
+class TestNetworkOfKnownConductance:
+    def test_straight_chain_is_a_duct(self):
+        pytest.importorskip("openpnm")
+        diameter, spacing, n = 3.0, 10.0, 6
+        length = spacing * (n - 1)
+        hydraulic, electrical = flow.conductances(chain(diameter, spacing, n), "x")
+        # OpenPNM's cuboid: A^2 / (16 pi^2 I L) with I = 1/6, 8 % above the square duct's exact solution
+        assert hydraulic == pytest.approx(6 / (16 * np.pi**2) * diameter**4 / length, rel=1e-9)
+        assert hydraulic == pytest.approx(SQUARE_DUCT * diameter**4 / length, rel=0.09)
+        assert electrical == pytest.approx(diameter**2 / length, rel=1e-9)
+
+    def test_clusters_that_miss_a_face_do_not_conduct(self):
+        pytest.importorskip("openpnm")
+        net = chain(3.0, 10.0, 6)
+        assert flow.conductances(net, "y") == (0.0, 0.0)
+        net["pore.xmax"][:] = False
+        assert flow.conductances(net, "x") == (0.0, 0.0)
+
+
+class TestVoxelDucts:
+    """snow2 makes one long pore of a duct whose inscribed sphere it knows to a voxel: some 20 % at best."""
+
+    @pytest.fixture(scope="class")
+    @staticmethod
+    def straight():
+        pytest.importorskip("porespy")
+        return flow.permeability(duct(12, 40, (28, 16)), 1.0)
+
+    def test_known_permeability_and_formation_factor(self, straight):
+        along = straight.set_index("axis").loc["x"]
+        assert um2(along["k_md"]) == pytest.approx(SQUARE_DUCT * 12**4 / (28 * 16), rel=0.25)
+        assert along["formation_factor"] == pytest.approx(28 * 16 / 12**2, rel=0.15)
+
+    def test_across_nothing_flows(self, straight):
+        across = straight.set_index("axis").loc[["y", "z"]]
+        assert (across["k_md"] == 0).all()
+        assert across["formation_factor"].isna().all()
+
+    def test_circular_tube(self):
+        pytest.importorskip("porespy")
+        across = np.arange(20) - 9.5
+        disc = across[:, None] ** 2 + across**2 < 8**2
+        k = um2(flow.permeability(np.repeat(disc[:, :, None], 40, axis=2), 1.0)["k_md"][0])
+        assert k == pytest.approx(np.pi * 8**4 / 8 / 20**2, rel=0.25)
+
+    def test_two_ducts_carry_twice_as_much(self, straight):
+        one = duct(12, 40, (56, 16))
+        two = one | duct(12, 40, (56, 16), corner=(30, 2))
+        k = [flow.permeability(p, 1.0)["k_md"][0] for p in (one, two)]
+        assert k[1] == pytest.approx(2 * k[0], rel=1e-9)
+        assert k[1] == pytest.approx(straight["k_md"][0], rel=1e-9)
+
+    def test_turned_duct_turns_the_answer(self, straight):
+        turned = flow.permeability(np.moveaxis(duct(12, 40, (28, 16)), (0, 1, 2), (2, 1, 0)), 1.0)
+        assert turned["k_md"].tolist() == pytest.approx(straight["k_md"].tolist()[::-1], rel=1e-9)
+
+    def test_permeability_scales_with_the_square_of_the_voxel(self, straight):
+        larger = flow.permeability(duct(12, 40, (28, 16)), 3.0)
+        assert larger["k_md"].tolist() == pytest.approx((9 * straight["k_md"]).tolist(), rel=1e-9)
+        assert larger["formation_factor"][0] == pytest.approx(straight["formation_factor"][0], rel=1e-9)
+
+    def test_an_isolated_pore_changes_nothing(self, straight):
+        pore = duct(12, 40, (28, 16))
+        pore[18:24, 5:11, 10:16] = True
+        assert flow.permeability(pore, 1.0)["k_md"].tolist() == straight["k_md"].tolist()
+
+    def test_a_plug_stops_the_flow(self):
+        pytest.importorskip("porespy")
+        pore = duct(12, 40, (16, 16))
+        pore[:, :, 20] = False
+        table = flow.permeability(pore, 1.0)
+        assert (table["k_md"] == 0).all()
+        assert table["formation_factor"].isna().all()
+
+
+@pytest.mark.parametrize("method", flow.METHODS)
+@pytest.mark.parametrize("shape", [(1, 1, 1), (2, 3, 1), (9, 8, 7)])
+def test_all_solid_and_all_pore(method, shape):
+    solid = flow.permeability(np.zeros(shape, bool), 1.0, method)
+    assert (solid["k_md"] == 0).all()
+    assert solid["formation_factor"].isna().all()
+    void = flow.permeability(np.ones(shape, bool), 1.0, method)
+    assert void["k_md"].isna().all()
+    assert (void["formation_factor"] == 1).all()
+    assert void["axis"].tolist() == ["x", "y", "z"]
+
+
+class TestEstimate:
+    def test_surface_of_a_ball(self):
+        z, y, x = np.indices((60, 60, 60)) - 29.5
+        solid = z**2 + y**2 + x**2 < 25**2
+        assert flow.specific_surface(~solid, 2.0) == pytest.approx(4 * np.pi * 25**2 / (60**3 * 2), rel=0.02)
+
+    def test_kozeny_carman_of_a_bed_of_cubes(self):
+        # cubes of edge a, one per (2a)^3, apart: phi = 7/8, true surface of the faces 6 a^2
+        a, n = 4, 3
+        unit = np.ones((2 * a, 2 * a, 2 * a), bool)
+        unit[2 : a + 2, 2 : a + 2, 2 : a + 2] = False
+        pore = np.tile(unit, (n, n, n))
+        surface = 2 / 3 * 6 * a**2 / (2 * a) ** 3
+        table = flow.permeability(pore, 1.0, "estimate")
+        assert um2(table["k_md"]) == pytest.approx([(7 / 8) ** 3 / (5 * surface**2)] * 3)
+        assert table["formation_factor"].tolist() == pytest.approx([(7 / 8) ** -1.5] * 3)
+
+    def test_only_along_axes_that_percolate(self):
+        table = flow.permeability(duct(4, 10, (8, 8)), 1.0, "estimate")
+        assert (table["k_md"] > 0).tolist() == [True, False, False]
+        assert table["k_md"].tolist()[1:] == [0, 0]
+        assert flow.percolates(np.moveaxis(duct(4, 10, (8, 8)), 2, 0)) == (False, False, True)
+
+    def test_diagonal_neighbours_are_not_connected(self):
+        pore = np.zeros((2, 2, 2), bool)
+        pore[0, 0, 0] = pore[0, 0, 1] = pore[1, 1, 0] = pore[1, 1, 1] = True
+        assert flow.percolates(pore) == (True, False, False)
+
+
+def test_mistakes_are_named():
+    with pytest.raises(InputError, match="unknown method"):
+        flow.permeability(np.ones((2, 2, 2)), 1.0, "guess")
