@@ -1,0 +1,18 @@
+"""Permeability and formation factor along three axes, by every method asked for."""
+
+import pandas as pd
+from _stage import stage
+
+from grainfall import flow, io, network
+
+with stage(snakemake) as progress:
+    phase, attributes = io.read_volume(snakemake.input.volume, "phase")
+    found = network.load(snakemake.input.pores, snakemake.input.throats)
+    tables = [
+        flow.permeability(phase == 0, attributes["voxel_size_um"], method, network=found)
+        for method in snakemake.params.settings["flow"]["methods"]
+    ]
+    io.write_table(snakemake.output.flow, pd.concat(tables))
+    for table in tables:
+        values = ", ".join(f"{k:.4g}" for k in table.k_md)
+        progress.say(f"K by {table.method.iloc[0]} along x, y, z: {values} mD")

@@ -1,0 +1,168 @@
+"""A user's mistake in the config or the sheet is one line that says where and what would be right."""
+
+import re
+import string
+import tomllib
+
+import pytest
+import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from grainfall import config
+from grainfall.errors import InputError
+
+
+@pytest.fixture(scope="module")
+def schema(root):
+    return config.load_yaml(root / "workflow/schemas/config.schema.yaml")
+
+
+@pytest.fixture(scope="module")
+def sample_schema(root):
+    return config.load_yaml(root / "workflow/schemas/samples.schema.yaml")
+
+
+@pytest.fixture(scope="module")
+def presets(root):
+    return config.load_yaml(root / "config/presets.yaml")
+
+
+def test_every_committed_config_is_valid(root, schema, presets):
+    files = [root / "config/config.yaml", *sorted((root / "config/cases").glob("*.yaml"))]
+    assert len(files) > 1
+    for file in files:
+        for preset in ("draft", "standard", "reference"):
+            config.resolve({**config.load_yaml(file), "preset": preset}, schema, presets, str(file))
+
+
+def test_precedence(schema, presets):
+    low = config.resolve({"samples": "s.tsv", "preset": "draft"}, schema, presets)
+    own = config.resolve(
+        {"samples": "s.tsv", "preset": "draft", "grains": {"shapes_per_phase": 7}}, schema, presets
+    )
+    default = config.resolve({"samples": "s.tsv"}, schema, presets)
+    assert default["grains"]["shapes_per_phase"] > low["grains"]["shapes_per_phase"] > 7
+    assert own["grains"]["shapes_per_phase"] == 7
+    whole = config.resolve(
+        {"samples": "s.tsv", "variants": {"a": None, "b": {"scene": {"sizes_from": "f2d"}}}}, schema, presets
+    )
+    assert config.variant(whole, "a")["scene"]["sizes_from"] == "f3d"
+    assert config.variant(whole, "b")["scene"]["sizes_from"] == "f2d"
+    assert config.variant(whole, "b")["scene"]["edge_grains"] == whole["scene"]["edge_grains"]
+
+
+@pytest.mark.parametrize(
+    ("bad", "words"),
+    [
+        ({"smaples": "x"}, "did you mean 'samples'"),
+        ({"packing": {"engin": "physx"}}, "did you mean 'engine'"),
+        ({"packing": {"engine": "phsyx"}}, "one of: physx, bullet"),
+        ({"scene": {"porosity": 1.5}}, "scene.porosity"),
+        ({"scene": {"edge_um": float("nan")}}, "not a finite number"),
+        ({"realizations": 0}, "realizations"),
+        ({"realizations": "two"}, "realizations"),
+        ({"variants": {"a": {"stereology": {"method": "none"}}}}, "cannot differ between variants"),
+        ({"variants": {"a": {"packing": {"engin": 1}}}}, "did you mean 'engine'"),
+        ({"variants": {"../a": {}}}, "is no name"),
+        ({"correction": {"limit": 0.05}}, "correction.limit"),
+    ],
+)
+def test_mistakes(schema, presets, bad, words):
+    with pytest.raises(InputError, match=re.escape(words)) as fault:
+        config.resolve({"samples": "s.tsv", **bad}, schema, presets)
+    assert "\n" not in str(fault.value)
+
+
+SHEET = "sample\timage\tkind\tpixel_size_um\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "not a TSV table"),
+        ("a\tb\n1\t2\n", "no column 'sample'"),
+        (SHEET, "no row"),
+        (SHEET + "a\t\tsynthetic\t\n", "pixel_size_um is missing"),
+        (SHEET + "a\t\tsynthetic\tone\n", "'one' is not a number"),
+        (SHEET + "a\t\tsynthetic\t-1\n", "pixel_size_um"),
+        (SHEET + "a\t\tsynthetic\tnan\n", "not finite"),
+        (SHEET + "a\tno.png\tbinary\t1\n", "no.png does not exist"),
+        (SHEET + "a\t\tbinary\t1\n", "image is missing"),
+        (SHEET + "a\t\tbinray\t1\n", "one of: instances"),
+        (SHEET + "../a\t\tsynthetic\t1\n", "is no name"),
+        (SHEET + "benchmarks\t\tsynthetic\t1\n", "is no name"),
+        (SHEET + "a\t\tsynthetic\t1\na\t\tsynthetic\t1\n", "twice"),
+        (SHEET.replace("kind", "knd") + "a\t\tsynthetic\t1\n", "knd"),
+    ],
+)
+def test_sheet_mistakes(tmp_path, sample_schema, text, words):
+    (tmp_path / "s.tsv").write_text(text)
+    with pytest.raises(InputError, match=re.escape(words)) as fault:
+        config.read_samples(str(tmp_path / "s.tsv"), sample_schema)
+    assert "\n" not in str(fault.value)
+
+
+def test_sheet_and_mapping_agree(tmp_path, sample_schema):
+    (tmp_path / "s.tsv").write_text(SHEET + "a\t\tsynthetic\t2.5\n")
+    mapping = {"a": {"kind": "synthetic", "pixel_size_um": 2.5}}
+    sheet = config.read_samples(str(tmp_path / "s.tsv"), sample_schema)
+    assert sheet == config.read_samples(mapping, sample_schema)
+
+
+def test_phase_values():
+    assert config.phase_values("pore=0;quartz=128") == {"pore": 0, "quartz": 128}
+    assert config.phase_values("") is None
+
+
+VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner, max_size=3),
+    max_leaves=8,
+)
+
+
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_any_config_is_accepted_or_refused_in_one_line(schema, presets, data):
+    keys = st.sampled_from(sorted(schema["properties"])) | st.text(string.printable, max_size=8)
+    content = data.draw(st.dictionaries(keys, VALUES, max_size=4))
+    try:
+        whole = config.resolve({"samples": "s.tsv", **content}, schema, presets)
+    except InputError as fault:
+        assert "\n" not in str(fault)
+    else:
+        assert set(whole) >= {"seed", "scene", "packing"}
+
+
+def keys_of(schema, prefix=""):
+    for key, sub in schema["properties"].items():
+        if "properties" in sub:
+            yield from keys_of(sub, f"{prefix}{key}.")
+        else:
+            yield prefix + key, sub
+
+
+def test_every_key_is_documented(root, schema, sample_schema):
+    text = (root / "config/README.md").read_text()
+    for key, sub in [*keys_of(schema), *keys_of(sample_schema)]:
+        assert f"| `{key}` |" in text, key
+        assert sub.get("description"), key
+
+
+def test_environments_are_in_step(root):
+    """Each conda environment lists the core and its group, at the versions of the lock."""
+    project = tomllib.loads((root / "pyproject.toml").read_text())["project"]
+    lock = dict(line.split("==") for line in (root / "requirements.lock").read_text().split())
+    name = re.compile(r"[A-Za-z0-9_.-]+")
+    for group in ("analysis", "packing", "report"):
+        wanted = [*project["dependencies"], *project["optional-dependencies"][group]]
+        pins = {f"{name.match(w).group()}=={lock[name.match(w).group()]}" for w in wanted}
+        env = yaml.safe_load((root / f"envs/{group}.yaml").read_text())
+        listed = next(d["pip"] for d in env["dependencies"] if isinstance(d, dict))
+        assert set(listed) == pins
+
+
+def test_no_download_address_is_locked(root):
+    for file in (root / "requirements.lock", root / "pyproject.toml", *sorted((root / "envs").iterdir())):
+        assert "://" not in file.read_text(), file

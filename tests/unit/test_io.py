@@ -1,0 +1,85 @@
+"""Files: equal content gives equal bytes, a failed write leaves what was there."""
+
+import time
+import zipfile
+
+import numpy as np
+import pandas as pd
+import pytest
+import zarr
+
+from grainfall import io
+from grainfall.errors import InputError
+
+
+@pytest.fixture
+def volume():
+    return np.arange(60, dtype=np.uint8).reshape(3, 4, 5)
+
+
+def test_volume_round_trip(tmp_path, volume):
+    path = tmp_path / "v.zarr.zip"
+    io.write_volume(path, {"phase": volume, "body": volume.astype(np.int32)}, 2.5, {"seed": 7})
+    for name, dtype in ((None, np.uint8), ("body", np.int32)):
+        array, attributes = io.read_volume(path, name)
+        np.testing.assert_array_equal(array, volume)
+        assert array.dtype == dtype
+    assert attributes["voxel_size_um"] == 2.5
+    assert attributes["seed"] == 7
+    scale = attributes["ome"]["multiscales"][0]["datasets"][0]["coordinateTransformations"][0]["scale"]
+    assert scale == [2.5, 2.5, 2.5]
+
+
+def test_volume_opens_with_plain_zarr(tmp_path, volume):
+    path = tmp_path / "v.zarr.zip"
+    io.write_volume(path, {"phase": volume}, 1.0)
+    group = zarr.open_group(zarr.storage.ZipStore(path, mode="r"), mode="r")
+    np.testing.assert_array_equal(group["phase"][...], volume)
+
+
+def test_equal_content_gives_equal_bytes_at_any_time(tmp_path, volume):
+    io.write_volume(tmp_path / "a.zarr.zip", {"phase": volume}, 1.0)
+    time.sleep(2.1)  # zip dates have a resolution of two seconds
+    io.write_volume(tmp_path / "b.zarr.zip", {"phase": volume}, 1.0)
+    assert (tmp_path / "a.zarr.zip").read_bytes() == (tmp_path / "b.zarr.zip").read_bytes()
+
+
+def test_failed_write_keeps_the_old_file_and_no_litter(tmp_path):
+    path = tmp_path / "t.csv"
+    io.write_text(path, "old")
+    with pytest.raises(RuntimeError), io.atomic_path(path) as part:
+        part.write_text("half")
+        raise RuntimeError
+    assert path.read_text() == "old"
+    assert [p.name for p in tmp_path.iterdir()] == ["t.csv"]
+
+
+@pytest.mark.parametrize("keep", [0, 10, 200])
+def test_truncated_volume_is_one_line(tmp_path, volume, keep):
+    path = tmp_path / "v.zarr.zip"
+    io.write_volume(path, {"phase": volume}, 1.0)
+    path.write_bytes(path.read_bytes()[:keep])
+    with pytest.raises(InputError, match=r"v\.zarr\.zip: not a readable volume") as fault:
+        io.read_volume(path)
+    assert "\n" not in str(fault.value)
+
+
+def test_foreign_zip_is_one_line(tmp_path):
+    path = tmp_path / "v.zarr.zip"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("readme.txt", "no volume")
+    with pytest.raises(InputError):
+        io.read_volume(path)
+    with pytest.raises(InputError, match="no such file"):
+        io.read_volume(tmp_path / "none.zarr.zip")
+
+
+def test_missing_figures_are_empty_cells(tmp_path):
+    io.write_table(tmp_path / "t.csv", pd.DataFrame({"a": [1.5, np.nan], "b": ["x", None]}))
+    assert (tmp_path / "t.csv").read_text() == "a,b\n1.5,x\n,\n"
+
+
+def test_table_floats_survive(tmp_path):
+    values = np.random.default_rng(1).random(100) * 10.0 ** np.arange(-50, 50)
+    io.write_table(tmp_path / "t.csv", pd.DataFrame({"a": values}))
+    np.testing.assert_array_equal(io.read_table(tmp_path / "t.csv").a, values)

@@ -1,0 +1,38 @@
+"""Random numbers depend on seed, sample, realization and chapter, each of them, and on nothing else."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from grainfall import random
+
+ORIGIN = (1, "demo", 0, "packing/first")
+
+
+def test_same_origin_same_numbers():
+    a, b = (random.generator(*ORIGIN).random(8) for _ in range(2))
+    np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize("k", range(4))
+def test_each_part_of_the_origin_matters(k):
+    other = list(ORIGIN)
+    other[k] = (2, "demo2", 1, "packing/second")[k]
+    assert (random.generator(*ORIGIN).random(8) != random.generator(*other).random(8)).all()
+
+
+@given(st.integers(0, 10**9), st.text(max_size=20), st.integers(-1, 10**6))
+def test_names_do_not_run_into_each_other(seed, sample, realization):
+    """(1, "a", 12) and (11, "a", 2) are different origins."""
+    a = random.generator(seed, sample, realization, "c").random()
+    b = random.generator(seed, sample, realization, "c ").random()
+    assert a != b
+    assert 0 <= a < 1
+
+
+@given(st.tuples(*[st.integers(3, 9)] * 3), st.integers(1, 12), st.integers(0, 99))
+def test_slices_are_different_and_inside(shape, n, seed):
+    drawn = random.slices(np.random.default_rng(seed), shape, n)
+    assert len(drawn) == len(set(drawn)) == min(n, sum(shape))
+    assert all(0 <= index < shape[axis] for axis, index in drawn)
