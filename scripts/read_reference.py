@@ -10,4 +10,6 @@ with stage(snakemake):
     volume, voxel_size_um = read_reference(
         snakemake.input.image, row["reference_voxel_size_um"], pore_value=row["reference_pore"]
     )
-    io.write_volume(snakemake.output.reference, {"phase": volume}, voxel_size_um, {"phases": ["pore", "solid"]})
+    io.write_volume(
+        snakemake.output.reference, {"phase": volume}, voxel_size_um, {"phases": ["pore", "solid"]}
+    )

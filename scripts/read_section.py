@@ -6,14 +6,19 @@ from grainfall import config
 from grainfall.section import read_section, write_section
 
 with stage(snakemake) as progress:
-    row = snakemake.params.row
+    row, setting = snakemake.params.row, snakemake.params.settings["section"]
     section = read_section(
         snakemake.input.image,
         row["kind"],
         row["pixel_size_um"],
-        config.phase_values(row.get("phases")),
-        max_pixels=snakemake.params.settings["section"]["max_pixels"],
-        grey_classes=snakemake.params.settings["section"]["grey_classes"],
+        config.parse_phases(row.get("phases")),
+        pore_value=row.get("pore_value"),
+        classes=setting["grey_classes"] if row["kind"] == "grey" else None,
+        array=row.get("array"),
+        grey=row.get("grey"),
+        classified_later=bool(setting["rules"]),
+        max_pixels=setting["max_pixels"],
     )
     write_section(snakemake.output.section, section)
-    progress.say(f"{section.phase.shape[1]} x {section.phase.shape[0]} pixels, phases {', '.join(section.phases)}")
+    height, width = section.phase.shape
+    progress.say(f"{width} x {height} pixels, phases {', '.join(section.phases)}")

@@ -20,7 +20,7 @@ with stage(snakemake) as progress:
             uncut.r_um.to_numpy(), uncut.weight.to_numpy(), rng=rng, **snakemake.params.settings["stereology"]
         )
         progress.say(
-            f"{names[phase]} {kind}: {len(uncut)} sections, mean radius {dists[phase, kind].mean('f2d'):.2f} um "
-            f"in 2D, {dists[phase, kind].mean('f3d'):.2f} um in 3D"
+            f"{names[phase]} {kind}: {len(uncut)} sections, mean radius "
+            f"{dists[phase, kind].mean('f2d'):.2f} um in 2D, {dists[phase, kind].mean('f3d'):.2f} um in 3D"
         )
     io.write_table(snakemake.output.sizes, stereology.to_table(dists))

@@ -234,12 +234,15 @@ def _number(text: str, where: str, kind: str) -> float | int:
 def _check_sample(row: dict, where: str) -> None:
     if "pixel_size_um" not in row:
         raise InputError(where, "pixel_size_um is missing", "the edge of a pixel in micrometres")
+    parse_phases(row.get("phases"))
     if row["kind"] == "synthetic":
         return
     if not row.get("image"):
         raise InputError(where, "image is missing", "the path of the section")
     if not Path(row["image"]).exists():
         raise InputError(where, f"image {row['image']} does not exist", "a path from the working directory")
+    if row.get("grey") and not Path(row["grey"]).exists():
+        raise InputError(where, f"grey {row['grey']} does not exist", "a path, or leave it empty")
     if row.get("reference"):
         if not Path(row["reference"]).exists():
             raise InputError(
@@ -251,8 +254,20 @@ def _check_sample(row: dict, where: str) -> None:
             )
 
 
-def phase_values(text: str | None) -> dict[str, int] | None:
-    """``"pore=0;quartz=1"`` as a mapping of phase name to image value."""
+def parse_phases(text: str | None) -> dict[str, int] | list[str] | None:
+    """``"pore=0;quartz=1"`` as name to image value, ``"pore;quartz"`` as a list of names.
+
+    Raises
+    ------
+    InputError
+        When some names have a value and others have not, or a name stands there twice.
+    """
     if not text:
         return None
-    return {name: int(value) for name, value in (part.split("=") for part in text.split(";"))}
+    pairs = [part.partition("=") for part in text.split(";")]
+    names = [name for name, _, _ in pairs]
+    if len(set(names)) < len(names):
+        raise InputError(f"phases '{text}'", "a name stands there twice", "unique names")
+    if len({sign for _, sign, _ in pairs}) > 1:
+        raise InputError(f"phases '{text}'", "some names have a value and some have not", "all or none")
+    return {name: int(value) for name, _, value in pairs} if pairs[0][1] else names

@@ -34,19 +34,20 @@ def generator(seed: int, sample: str, realization: int, chapter: str) -> np.rand
 
 
 def slices(rng: np.random.Generator, shape: tuple[int, int, int], n: int) -> list[tuple[int, int]]:
-    """``n`` different plane slices of a volume, drawn over its three axes.
+    """Different random plane slices of a volume, spread evenly over its three axes.
 
     Parameters
     ----------
     rng : numpy.random.Generator
     shape : (nz, ny, nx)
     n : int
-        Number wanted; all there are where the volume has fewer.
+        Slices wanted; an axis with fewer planes than its share gives all it has.
 
     Returns
     -------
     list of (axis, index)
-        Axis 0, 1, 2 for slices normal to z, y, x.
+        The slice lies normal to ``axis``; in random order.
     """
-    every = [(axis, index) for axis in range(3) for index in range(shape[axis])]
-    return [every[k] for k in rng.permutation(len(every))[:n]]
+    share = np.minimum(n // 3 + (rng.permutation(3) < n % 3), shape)
+    drawn = [(a, int(i)) for a in range(3) for i in rng.choice(shape[a], share[a], replace=False)]
+    return [drawn[i] for i in rng.permutation(len(drawn))]

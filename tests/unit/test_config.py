@@ -110,9 +110,13 @@ def test_sheet_and_mapping_agree(tmp_path, sample_schema):
     assert sheet == config.read_samples(mapping, sample_schema)
 
 
-def test_phase_values():
-    assert config.phase_values("pore=0;quartz=128") == {"pore": 0, "quartz": 128}
-    assert config.phase_values("") is None
+def test_phases():
+    assert config.parse_phases("pore=0;quartz=128") == {"pore": 0, "quartz": 128}
+    assert config.parse_phases("pore;quartz") == ["pore", "quartz"]
+    assert config.parse_phases("") is None
+    for bad in ("pore=0;quartz", "pore;pore"):
+        with pytest.raises(InputError):
+            config.parse_phases(bad)
 
 
 VALUES = st.recursive(

@@ -11,6 +11,7 @@ from hypothesis.extra import numpy as hnp
 from scipy.stats import chisquare
 
 from grainfall import correlation as c
+from grainfall import random
 from grainfall.volume import voxelise
 
 small = hnp.arrays(bool, hnp.array_shapes(min_dims=2, max_dims=3, min_side=2, max_side=7))
@@ -135,25 +136,11 @@ def test_uncorrelated_noise_is_flat():
 def test_any_chunking_gives_the_same_rows(seed, cuts):
     rng = np.random.default_rng(seed)
     volume = rng.random((12, 10, 11)) < 0.5
-    slices = c.random_slices(volume.shape, 12, rng)
+    slices = random.slices(rng, volume.shape, 12)
     whole = c.s2_of_slices(volume, slices, 2.0)
     bounds = sorted({0, 12, *cuts})
     chunks = [c.s2_of_slices(volume, slices[a:b], 2.0, start=a) for a, b in pairwise(bounds)]
     pd.testing.assert_frame_equal(pd.concat(chunks, ignore_index=True), whole, check_exact=True)
-
-
-@settings(max_examples=30, deadline=None)
-@given(st.integers(0, 2**32 - 1), st.integers(0, 24))
-def test_random_slices_are_distinct_and_balanced(seed, n):
-    drawn = c.random_slices((8, 9, 10), n, np.random.default_rng(seed))
-    assert len(set(drawn)) == len(drawn) == n
-    assert np.ptp(np.bincount([a for a, _ in drawn], minlength=3)) <= 1
-    assert all(0 <= i < (8, 9, 10)[a] for a, i in drawn)
-
-
-def test_random_slices_refuse_more_than_there_are():
-    with pytest.raises(ValueError, match="do not fit"):
-        c.random_slices((3, 9, 9), 20, np.random.default_rng(0))
 
 
 def smooth_curves(n, rng, m=30):

@@ -2,11 +2,9 @@
 
 from grainfall.correlation.envelope import fraction_inside, global_envelope
 from grainfall.correlation.s2 import (
-    random_slices,
     s2_along,
     s2_image,
     s2_of_slices,
-    s2_slices,
     s2_volume,
     specific_surface,
 )
@@ -25,11 +23,9 @@ __all__ = [
     "compare_section",
     "fraction_inside",
     "global_envelope",
-    "random_slices",
     "s2_along",
     "s2_image",
     "s2_of_slices",
-    "s2_slices",
     "s2_volume",
     "section_curves",
     "section_windows",

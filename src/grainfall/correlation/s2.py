@@ -66,33 +66,6 @@ def s2_image(indicator: np.ndarray, max_lag: int | None = None, *, periodic: boo
     return sum(counts for counts, _ in along) / sum(pairs for _, pairs in along)
 
 
-def random_slices(shape: tuple[int, int, int], n: int, rng: np.random.Generator) -> list[tuple[int, int]]:
-    """Distinct random slices, spread evenly over the three axes.
-
-    Parameters
-    ----------
-    shape : (nz, ny, nx)
-    n : int
-        Slices to draw.
-    rng : numpy.random.Generator
-
-    Returns
-    -------
-    list of (axis, index)
-        The slice lies normal to ``axis``.
-
-    Raises
-    ------
-    ValueError
-        When an axis has fewer planes than its share.
-    """
-    share = n // 3 + (rng.permutation(3) < n % 3)
-    if np.any(share > shape):
-        raise ValueError(f"{n} distinct slices do not fit in a volume of {shape}")
-    drawn = [(a, int(i)) for a in range(3) for i in rng.choice(shape[a], share[a], replace=False)]
-    return [drawn[i] for i in rng.permutation(n)]
-
-
 def s2_of_slices(
     volume: np.ndarray,
     slices: Sequence[tuple[int, int]],
@@ -134,17 +107,6 @@ def s2_of_slices(
         for i, (axis, index) in enumerate(slices)
     ]
     return pd.concat(curves, ignore_index=True)
-
-
-def s2_slices(
-    volume: np.ndarray,
-    n: int,
-    rng: np.random.Generator,
-    voxel_size_um: float,
-    max_lag: int | None = None,
-) -> pd.DataFrame:
-    """S2 of ``n`` random slices: :func:`s2_of_slices` on :func:`random_slices`."""
-    return s2_of_slices(volume, random_slices(volume.shape, n, rng), voxel_size_um, max_lag)
 
 
 def s2_volume(

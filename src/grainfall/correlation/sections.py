@@ -16,7 +16,9 @@ import numpy as np
 import pandas as pd
 
 from grainfall.correlation.envelope import fraction_inside, global_envelope
-from grainfall.correlation.s2 import plane, random_slices, s2_image
+from grainfall.correlation.s2 import plane, s2_image
+from grainfall.random import slices
+from grainfall.section.resample import resample, resampled_edge
 
 
 @dataclass(frozen=True)
@@ -35,24 +37,6 @@ class Window:
     def lag_um(self) -> np.ndarray:
         """Lags of the window's curves."""
         return np.arange(self.max_lag + 1) * self.pixel_size_um
-
-
-def resample(image: np.ndarray, pixel_size_um: float, target_um: float) -> np.ndarray:
-    """Nearest-pixel samples of an image at the centres of pixels of another size."""
-    if pixel_size_um == target_um:
-        return image
-    rows, columns = (
-        ((np.arange(resampled_edge(n, pixel_size_um, target_um)) + 0.5) * target_um / pixel_size_um).astype(
-            int
-        )
-        for n in image.shape
-    )
-    return image[np.ix_(rows, columns)]
-
-
-def resampled_edge(n: int, pixel_size_um: float, target_um: float) -> int:
-    """Whole pixels of the target size in an edge; the small allowance absorbs rounding in the ratio."""
-    return int(n * pixel_size_um / target_um + 1e-9)
 
 
 def common_window(
@@ -146,7 +130,7 @@ def slice_curves(
     (n, max_lag + 1) float
     """
     curves = []
-    for axis, index in random_slices(volume.shape, n, rng):
+    for axis, index in slices(rng, volume.shape, n):
         image = resample(plane(volume, axis, index) != 0, voxel_size_um, window.pixel_size_um)
         y, x = (int(rng.integers(m - w + 1)) for m, w in zip(image.shape, window.shape, strict=True))
         curves.append(s2_image(image[y : y + window.shape[0], x : x + window.shape[1]], window.max_lag))

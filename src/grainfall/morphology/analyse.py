@@ -104,7 +104,7 @@ def measure_slices(
     voxel_size_um : float
     slices : iterable of (axis, index)
     body : (z, y, x) ndarray of int, optional
-        Body of each voxel: where the section came with its grains outlined, those of the slices are known too.
+        Body of each voxel, for a section that came with its grains outlined: those of slices are known too.
     **settings
         Persistences and resolution limit, as :func:`analyse` takes them.
 

@@ -1,5 +1,17 @@
-"""The section: a segmented image with its phases and pixel size, read from a file."""
+"""The section: a segmented image with its phases and pixel size, read from a file or synthesised."""
 
 from grainfall.section.read import Section, load_section, read_reference, read_section, write_section
+from grainfall.section.resample import resample
+from grainfall.section.synthetic import Mineral, Truth, synthesise
 
-__all__ = ["Section", "load_section", "read_reference", "read_section", "write_section"]
+__all__ = [
+    "Mineral",
+    "Section",
+    "Truth",
+    "load_section",
+    "read_reference",
+    "read_section",
+    "resample",
+    "synthesise",
+    "write_section",
+]
