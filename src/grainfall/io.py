@@ -73,6 +73,35 @@ def read_table(path: str | Path) -> pd.DataFrame:
     return pd.read_csv(path, float_precision="round_trip")
 
 
+def write_arrays(path: str | Path, arrays: Mapping[str, np.ndarray]) -> None:
+    """Write named arrays as one compressed NPZ, atomically; equal content gives equal bytes."""
+    with atomic_path(path) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in sorted(arrays):
+            entry = zipfile.ZipInfo(f"{name}.npy", ZIP_EPOCH)
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            with archive.open(entry, "w", force_zip64=True) as stream:
+                np.lib.format.write_array(stream, np.asarray(arrays[name]), allow_pickle=False)
+
+
+def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
+    """Read what :func:`write_arrays` wrote.
+
+    Raises
+    ------
+    InputError
+        When the file is missing or truncated.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            return dict(archive)
+    except FileNotFoundError:
+        raise InputError(path, "no such file", "give the path of an *.npz file") from None
+    except (zipfile.BadZipFile, KeyError, ValueError, EOFError, OSError) as fault:
+        raise InputError(
+            path, f"not a readable NPZ ({fault})", "a complete *.npz is needed; make it again"
+        ) from None
+
+
 def write_volume(
     path: str | Path,
     arrays: Mapping[str, np.ndarray],

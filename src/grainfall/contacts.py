@@ -1,0 +1,273 @@
+"""Contacts between packed grains: exact gaps of their convex hulls, contact areas of the voxel volume.
+
+Virtual spheres are left out everywhere: they are no part of the rock.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+from scipy.spatial import ConvexHull, cKDTree
+from scipy.spatial.transform import Rotation
+
+if TYPE_CHECKING:
+    from grainfall.grains import Library
+
+TOLERANCE = 1e-3
+"""Largest gap of a contact over the mean grain diameter.
+
+Rigid-body engines hold resting grains within some 1e-4 of a diameter of touching, on either side: a tolerance
+ten times that loses no contact of theirs and adds few neighbours that merely come near.
+"""
+
+RATTLER_CONTACTS = 4
+"""Contacts below which a grain counts as a rattler: d + 1 in three dimensions, what holds a grain in place by
+normal forces alone and the isostatic mean with friction."""
+
+TOUCHING = 1e-7
+"""Gap, in mean grain radii, below which the closest points are too near each other to show a direction."""
+
+
+def find_contacts(
+    bodies: pd.DataFrame,
+    library: Library,
+    body_volume: np.ndarray | None,
+    voxel_size_um: float,
+    tolerance: float = TOLERANCE,
+) -> pd.DataFrame:
+    """Pairs of grains in contact, wherever they lie.
+
+    Parameters
+    ----------
+    bodies : DataFrame
+        Columns of ``bodies.csv`` (lengths in um).
+    library : Library
+        Shapes; a pair is judged by the convex hulls of its meshes, as the engines collide them.
+    body_volume : (nz, ny, nx) array of int or None
+        Body id + 1 of every voxel of the region of interest, 0 in pores.
+    voxel_size_um : float
+        Edge of a voxel.
+    tolerance : float
+        Largest gap of a contact over the mean grain diameter (of equal-volume spheres).
+
+    Returns
+    -------
+    DataFrame
+        A row a pair, by ids: grain_a < grain_b, phase_a, phase_b; x, y, z (um, midway between the closest
+        points); nx, ny, nz (unit normal from a to b); area_um2 (of the voxel faces that the two share; empty
+        where the contact lies outside the volume); force_n (empty: packing does not report forces); gap_um
+        (negative: depth of penetration).
+    """
+    grains = bodies[bodies["kind"] == "grain"]
+    limit = tolerance * 2 * grains["scale"].mean() if len(grains) else 0.0
+    pairs = closest_points(grains, library, limit)
+    pairs = pairs[pairs["gap_um"] <= limit]
+    phase = grains.set_index("id")["phase"]
+    table = pd.DataFrame({"grain_a": pairs["a"], "grain_b": pairs["b"]})
+    table["phase_a"], table["phase_b"] = (phase.loc[table[g]].to_numpy() for g in ("grain_a", "grain_b"))
+    for name in ("x", "y", "z", "nx", "ny", "nz"):
+        table[name] = pairs[name]
+    table["area_um2"] = np.nan
+    if body_volume is not None:
+        from grainfall.volume import adjacent_pairs
+
+        shared = adjacent_pairs(body_volume, voxel_size_um)
+        area = shared.set_index([shared["body_a"] - 1, shared["body_b"] - 1])["area_um2"]
+        found = area.reindex(pd.MultiIndex.from_frame(table[["grain_a", "grain_b"]])).to_numpy()
+        size = voxel_size_um * np.array(body_volume.shape[::-1], float)
+        inside = _inside(table, size)
+        table["area_um2"] = np.where(np.isnan(found) & inside, 0.0, found)
+    table["force_n"] = np.nan
+    table["gap_um"] = pairs["gap_um"]
+    return table.sort_values(["grain_a", "grain_b"], ignore_index=True)
+
+
+def _inside(table: pd.DataFrame, size_um: np.ndarray) -> np.ndarray:
+    """Rows whose x, y, z lie in the box (0, size_um)."""
+    points = table[["x", "y", "z"]].to_numpy()
+    return ((points >= 0) & (points < size_um)).all(axis=1)
+
+
+def closest_points(bodies: pd.DataFrame, library: Library, reach_um: float) -> pd.DataFrame:
+    """Signed distances of the convex hulls of all pairs whose bounding spheres come within ``reach_um``.
+
+    GJK distance and EPA penetration depth by FCL, in mean radii and with the first body at the origin. A
+    sphere is a point with a margin, which makes its distances as exact as a hull's.
+
+    Parameters
+    ----------
+    bodies : DataFrame
+        Columns of ``bodies.csv``.
+    library : Library
+        Shapes; id -1 is a sphere.
+    reach_um : float
+        Largest gap of the bounding spheres.
+
+    Returns
+    -------
+    DataFrame
+        Columns a < b (ids), gap_um (negative: the smallest translation that separates the two), x, y, z
+        (midway between the closest points), nx, ny, nz (unit normal from a to b), sorted by a, b.
+    """
+    columns = ["a", "b", "gap_um", "x", "y", "z", "nx", "ny", "nz"]
+    bodies = bodies.sort_values("id")
+    ids, shape = bodies["id"].to_numpy(), bodies["shape"].to_numpy()
+    position, scale = bodies[["x", "y", "z"]].to_numpy(float), bodies["scale"].to_numpy(float)
+    i, j = _candidates(position, bounding_radii(bodies, library), reach_um)
+    rows = np.empty((len(i), 7))
+    if len(i):
+        import fcl
+
+        unit = scale.mean()
+        hulls = {s: _hull(library.vertices[s]) for s in np.unique(shape) if s >= 0}
+        rotation = Rotation.from_quat(bodies[["qw", "qx", "qy", "qz"]].to_numpy(float), scalar_first=True)
+        turns = rotation.as_matrix()
+        cores = [_core(fcl, hulls.get(s), r / unit) for s, r in zip(shape, scale, strict=True)]
+        margin = np.where(shape < 0, scale / unit, 0.0)
+    for row, (a, b) in enumerate(zip(i, j, strict=True)):
+        first = fcl.CollisionObject(cores[a], fcl.Transform(turns[a], np.zeros(3)))
+        offset = (position[b] - position[a]) / unit
+        gap, on_a, on_b = _distance(fcl, first, cores[b], turns[b], offset)
+        apart, from_a, from_b = gap, on_a, on_b
+        if abs(gap) < TOUCHING:
+            # the closest points coincide: the direction is that of the gap a little apart
+            apart, from_a, from_b = _distance(fcl, first, cores[b], turns[b], offset * (1 + 1e-4))
+        normal = (from_b - from_a) * np.sign(apart)
+        normal /= np.linalg.norm(normal)
+        middle = (on_a + on_b + (margin[a] - margin[b]) * normal) / 2
+        rows[row] = (gap - margin[a] - margin[b]) * unit, *(position[a] + middle * unit), *normal
+    table = pd.DataFrame(rows, columns=columns[2:])
+    table.insert(0, "a", ids[i])
+    table.insert(1, "b", ids[j])
+    return table
+
+
+def bounding_radii(bodies: pd.DataFrame, library: Library) -> np.ndarray:
+    """Radius (n,) um about its centre that holds each body."""
+    shapes = bodies["shape"].to_numpy()
+    extent = {
+        s: 1.0 if s < 0 else np.linalg.norm(library.vertices[s], axis=1).max() for s in np.unique(shapes)
+    }
+    return bodies["scale"].to_numpy(float) * np.array([extent[s] for s in shapes])
+
+
+def _candidates(position: np.ndarray, radius: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
+    """Rows i < j, sorted, of the pairs whose bounding spheres come within ``reach``."""
+    if len(position) < 2:
+        return np.empty(0, int), np.empty(0, int)
+    pairs = cKDTree(position).query_pairs(2 * radius.max() + reach, output_type="ndarray")
+    i, j = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))].T
+    near = np.linalg.norm(position[j] - position[i], axis=1) <= radius[i] + radius[j] + reach
+    return i[near], j[near]
+
+
+def _hull(vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (n, 3) and outward triangles (m, 3) of the convex hull."""
+    vertices = np.asarray(vertices, float)
+    hull = ConvexHull(vertices)
+    number = np.full(len(vertices), -1)
+    number[hull.vertices] = np.arange(len(hull.vertices))
+    first, second, third = vertices[hull.simplices].transpose(1, 0, 2)
+    inward = (np.cross(second - first, third - first) * hull.equations[:, :3]).sum(axis=1) < 0
+    faces = number[hull.simplices]
+    faces[inward] = faces[inward, ::-1]
+    return vertices[hull.vertices], faces
+
+
+def _core(fcl: object, hull: tuple[np.ndarray, np.ndarray] | None, scale: float) -> object:
+    """A hull, or the point inside a sphere (FCL has no points: a sphere of no size that matters)."""
+    if hull is None:
+        return fcl.Sphere(1e-12)
+    vertices, faces = hull
+    counted = np.column_stack([np.full(len(faces), 3), faces]).ravel()
+    return fcl.Convex(vertices * scale, len(faces), counted)
+
+
+def _distance(
+    fcl: object, first: object, core: object, turn: np.ndarray, offset: np.ndarray
+) -> tuple[float, np.ndarray, np.ndarray]:
+    """Signed distance and the closest (deepest) points on the two."""
+    request = fcl.DistanceRequest(enable_nearest_points=True, enable_signed_distance=True)
+    result = fcl.DistanceResult()
+    gap = fcl.distance(first, fcl.CollisionObject(core, fcl.Transform(turn, offset)), request, result)
+    on_a, on_b = (np.array(p) for p in result.nearest_points)
+    return gap, on_a, on_b
+
+
+def coordination(
+    contacts: pd.DataFrame,
+    bodies: pd.DataFrame,
+    size_um: tuple[float, float, float] | None = None,
+    minimum: int = RATTLER_CONTACTS,
+) -> pd.DataFrame:
+    """Mean coordination without rattlers, and their fraction, of grains centred in the region of interest.
+
+    A rattler has fewer than ``minimum`` contacts with grains that are no rattlers themselves (found by
+    removing grains until none is left to remove). Grains outside the region take part as neighbours and are
+    judged alike; only those inside are counted.
+
+    Parameters
+    ----------
+    contacts : DataFrame
+        See :func:`find_contacts`; of all the grains, not only those inside.
+    bodies : DataFrame
+        Columns of ``bodies.csv``.
+    size_um : (float, float, float), optional
+        Size of the region of interest along x, y, z; everywhere if omitted.
+    minimum : int
+        Contacts that make a grain part of the skeleton.
+
+    Returns
+    -------
+    DataFrame
+        Columns phase (0 stands for all grains, then every phase), n_grains, coordination (mean number of
+        contacts with skeleton grains over the skeleton grains; empty where there is none), rattlers (fraction
+        of the grains; empty without grains).
+    """
+    grains = bodies[bodies["kind"] == "grain"].sort_values("id")
+    row = pd.Series(np.arange(len(grains)), index=grains["id"])
+    a, b = (row.loc[contacts[g]].to_numpy(int) for g in ("grain_a", "grain_b"))
+    skeleton = np.ones(len(grains), bool)
+    while True:
+        live = skeleton[a] & skeleton[b]
+        degree = np.bincount(np.concatenate([a[live], b[live]]), minlength=len(grains))
+        keep = skeleton & (degree >= minimum)
+        if np.array_equal(keep, skeleton):
+            break
+        skeleton = keep
+    inside = np.ones(len(grains), bool) if size_um is None else _inside(grains, np.asarray(size_um, float))
+    phase = grains["phase"].to_numpy()
+    rows = []
+    for which in (0, *np.unique(phase)):
+        counted = inside & (phase == which) if which else inside
+        n, bearing = np.count_nonzero(counted), counted & skeleton
+        mean = degree[bearing].mean() if bearing.any() else np.nan
+        rows.append((int(which), n, mean, 1 - np.count_nonzero(bearing) / n if n else np.nan))
+    return pd.DataFrame(rows, columns=["phase", "n_grains", "coordination", "rattlers"])
+
+
+def max_overlap(
+    bodies: pd.DataFrame, library: Library, size_um: tuple[float, float, float] | None = None
+) -> float:
+    """Deepest penetration of two grains over the smaller one's radius, 0 where none overlap.
+
+    Parameters
+    ----------
+    bodies : DataFrame
+        Columns of ``bodies.csv``; radius is that of the equal-volume sphere.
+    library : Library
+        Shapes; their convex hulls are compared.
+    size_um : (float, float, float), optional
+        Size of the region of interest along x, y, z: only grains whose bounding spheres meet it are compared.
+    """
+    grains = bodies[bodies["kind"] == "grain"]
+    if size_um is not None:
+        points = grains[["x", "y", "z"]].to_numpy(float)
+        outside = points - np.clip(points, 0, np.asarray(size_um, float))
+        grains = grains[np.linalg.norm(outside, axis=1) <= bounding_radii(grains, library)]
+    pairs = closest_points(grains, library, 0.0)
+    scale = grains.set_index("id")["scale"]
+    smaller = np.minimum(scale.loc[pairs["a"]].to_numpy(), scale.loc[pairs["b"]].to_numpy())
+    return float(np.max(-pairs["gap_um"].to_numpy() / smaller, initial=0.0))

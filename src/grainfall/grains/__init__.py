@@ -1,0 +1,21 @@
+"""Grains: closed 3D shapes from the masks of a section, and their exact mass properties."""
+
+from grainfall.grains.contours import Unusable
+from grainfall.grains.export import export_bodies, export_shape
+from grainfall.grains.library import SPHERE, Library, build_library, sphere
+from grainfall.grains.shape import Grain, grain_from_contours, grain_from_masks, mass_properties, unit_contour
+
+__all__ = [
+    "SPHERE",
+    "Grain",
+    "Library",
+    "Unusable",
+    "build_library",
+    "export_bodies",
+    "export_shape",
+    "grain_from_contours",
+    "grain_from_masks",
+    "mass_properties",
+    "sphere",
+    "unit_contour",
+]

@@ -1,0 +1,106 @@
+"""Shapes and packed bodies as GLB (glTF, y up) or STL (z up) for any 3D viewer. Lengths are micrometres."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from grainfall import io
+from grainfall.errors import InputError
+from grainfall.grains.library import Library
+
+PHASE_COLOURS = (
+    (0xD8, 0xB3, 0x65),
+    (0x5A, 0xB4, 0xAC),
+    (0xC5, 0x6B, 0x6B),
+    (0x7F, 0x8F, 0xC9),
+    (0x8D, 0xA8, 0x5E),
+    (0xB5, 0x86, 0xC0),
+)
+"""RGB of the minerals 1, 2, …; they repeat."""
+
+VIRTUAL_COLOUR = (0xC8, 0xC8, 0xC8)
+_Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+
+
+def export_shape(library: Library, shape: int, path: str | Path, scale_um: float = 1.0) -> None:
+    """Write one shape of the library (−1: a sphere), at an equal-volume radius, as ``.glb`` or ``.stl``."""
+    phase = 0 if shape < 0 else int(library.table["phase"].iloc[shape])
+    body = {"kind": "grain", "phase": phase, "shape": shape, "scale": scale_um}
+    body |= {"x": 0.0, "y": 0.0, "z": 0.0, "qw": 1.0, "qx": 0.0, "qy": 0.0, "qz": 0.0}
+    export_bodies(pd.DataFrame([body]), library, path)
+
+
+def export_bodies(
+    bodies: pd.DataFrame,
+    library: Library,
+    path: str | Path,
+    colours: Mapping[int, tuple[int, int, int]] | None = None,
+) -> None:
+    """Write packed bodies, coloured by phase, as ``.glb`` or ``.stl`` (which has no colours).
+
+    Parameters
+    ----------
+    bodies : DataFrame
+        Columns kind, phase, shape, scale, x, y, z, qw, qx, qy, qz as in ``bodies.csv``.
+    library : Library
+    path : str or Path
+        In GLB each shape is stored once for each colour and placed many times.
+    colours : mapping of phase to RGB (0 … 255), optional
+
+    Raises
+    ------
+    InputError
+        Where the path ends in anything else, or there is no body.
+    """
+    kind = Path(path).suffix.lower()
+    if kind not in (".glb", ".stl"):
+        raise InputError(path, f"cannot export to {kind or 'a file without ending'}", "use .glb or .stl")
+    if bodies.empty:
+        raise InputError("bodies", "there is nothing to export", "give at least one body")
+    poses = np.tile(np.eye(4), (len(bodies), 1, 1))
+    turn = Rotation.from_quat(bodies[["qw", "qx", "qy", "qz"]].to_numpy(float), scalar_first=True)
+    poses[:, :3, :3] = turn.as_matrix() * bodies["scale"].to_numpy(float)[:, None, None]
+    poses[:, :3, 3] = bodies[["x", "y", "z"]]
+    if kind == ".stl":
+        data = _stl(bodies, library, poses)
+    else:
+        data = _glb(bodies, library, _Y_UP @ poses, colours or {})
+    with io.atomic_path(path) as part:
+        part.write_bytes(data)
+
+
+def _stl(bodies: pd.DataFrame, library: Library, poses: np.ndarray) -> bytes:
+    meshes = []
+    for shape, pose in zip(bodies["shape"], poses, strict=True):
+        vertices, faces = library.mesh(shape)
+        meshes.append(trimesh.Trimesh(vertices @ pose[:3, :3].T + pose[:3, 3], faces, process=False))
+    return trimesh.exchange.stl.export_stl(trimesh.util.concatenate(meshes))
+
+
+def _glb(
+    bodies: pd.DataFrame, library: Library, poses: np.ndarray, colours: Mapping[int, tuple[int, int, int]]
+) -> bytes:
+    scene = trimesh.Scene()
+    for i, body in enumerate(bodies.itertuples()):
+        virtual = body.kind == "virtual"
+        name = f"{'virtual' if virtual else f'phase{body.phase}'}_shape{body.shape}"
+        if name not in scene.geometry:
+            vertices, faces = library.mesh(body.shape)
+            paint = PHASE_COLOURS[(body.phase - 1) % len(PHASE_COLOURS)]
+            paint = VIRTUAL_COLOUR if virtual else colours.get(body.phase, paint)
+            mesh = trimesh.Trimesh(vertices, faces, process=False)
+            mesh.visual = trimesh.visual.TextureVisuals(
+                material=trimesh.visual.material.PBRMaterial(
+                    name=name, baseColorFactor=[*paint, 255], metallicFactor=0.0, roughnessFactor=0.9
+                )
+            )
+            scene.add_geometry(mesh, node_name=f"body{i}", geom_name=name, transform=poses[i])
+        else:
+            scene.graph.update(frame_to=f"body{i}", matrix=poses[i], geometry=name)
+    return trimesh.exchange.gltf.export_glb(scene)

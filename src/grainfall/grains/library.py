@@ -1,0 +1,230 @@
+"""A library of 3D grains: many shapes for each mineral, each from three masks of one size bin."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import trimesh
+from scipy import ndimage
+from scipy.spatial import ConvexHull
+
+from grainfall import io
+from grainfall.errors import InputError
+from grainfall.grains.contours import Unusable, principal_contour
+from grainfall.grains.shape import Grain, grain_from_contours, mass_properties, unit_contour
+
+SPHERE = -1
+"""Shape id of a sphere, which is in no library."""
+
+_UNIT_VOLUME = 4 * np.pi / 3
+_MASKS_A_BIN, _MOST_BINS = 12, 10
+_PLANES = ("xy", "xz", "yz")
+_INERTIA = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
+
+
+@dataclass
+class Library:
+    """Grain shapes at equal-volume radius 1, each with its centre of mass at the origin.
+
+    Attributes
+    ----------
+    vertices : list of (n, 3) float ndarray
+        In (x, y, z) order. A body lies at ``position + R(q) @ (scale * v)``; its scale is the radius of the
+        sphere of equal volume.
+    faces : list of (m, 3) int32 ndarray
+        Outward triangles.
+    table : DataFrame
+        One row a shape: shape (its index here), phase, r2d_um (of the mask that chose the size bin), mask_xy,
+        mask_xz, mask_yz (grain ids), stretch, iou_xy, iou_xz, iou_yz, reading, hull_excess (V_hull / V − 1),
+        aspect_ratio (longest over shortest axis of the ellipsoid of equal inertia), elongation (intermediate
+        over longest), flatness (shortest over intermediate), sphericity (area of the equal-volume sphere over
+        area) and inertia_xx … inertia_yz (tensor at unit density).
+    skipped : DataFrame
+        Masks that could not be used: grain, phase, reason.
+    """
+
+    vertices: list[np.ndarray]
+    faces: list[np.ndarray]
+    table: pd.DataFrame
+    skipped: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=["grain", "phase", "reason"]))
+
+    def __len__(self) -> int:
+        return len(self.vertices)
+
+    def mesh(self, shape: int) -> tuple[np.ndarray, np.ndarray]:
+        """Vertices and faces of a shape; id −1 is a sphere."""
+        return sphere() if shape == SPHERE else (self.vertices[shape], self.faces[shape])
+
+    def save(self, folder: str | Path) -> None:
+        """Write ``shapes.npz``, ``library.csv`` and ``skipped.csv``; equal content gives equal bytes."""
+        folder = Path(folder)
+        arrays = {
+            "vertices": np.concatenate([v.astype(np.float32) for v in self.vertices]),
+            "vertex_counts": np.array([len(v) for v in self.vertices], dtype=np.int64),
+            "faces": np.concatenate(self.faces).astype(np.int32),
+            "face_counts": np.array([len(f) for f in self.faces], dtype=np.int64),
+        }
+        io.write_arrays(folder / "shapes.npz", arrays)
+        io.write_table(folder / "library.csv", self.table)
+        io.write_table(folder / "skipped.csv", self.skipped)
+
+    @classmethod
+    def load(cls, folder: str | Path) -> Library:
+        """Read what :meth:`save` wrote.
+
+        Raises
+        ------
+        InputError
+            Where the folder holds no complete library.
+        """
+        folder = Path(folder)
+        arrays = io.read_arrays(folder / "shapes.npz")
+        parts = [
+            np.split(arrays[name], np.cumsum(arrays[counts])[:-1])
+            for name, counts in (("vertices", "vertex_counts"), ("faces", "face_counts"))
+        ]
+        return cls(
+            [v.astype(np.float64) for v in parts[0]],
+            parts[1],
+            io.read_table(folder / "library.csv"),
+            io.read_table(folder / "skipped.csv"),
+        )
+
+
+def sphere(subdivisions: int = 3) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and faces of a sphere as library shapes are: volume 4π/3, centre at the origin."""
+    ball = trimesh.creation.icosphere(subdivisions=subdivisions)
+    return ball.vertices * np.cbrt(_UNIT_VOLUME / ball.volume), ball.faces.astype(np.int32)
+
+
+def build_library(
+    labels: np.ndarray,
+    grains2d: pd.DataFrame,
+    shapes_per_phase: int,
+    rng: np.random.Generator,
+    *,
+    alignment: str = "random",
+    resolution: int = 48,
+) -> Library:
+    """Draw masks, three to a grain, and build the shapes of every mineral.
+
+    The first mask is drawn from the mineral's uncut grains by their Miles–Lantuéjoul weights; the other two
+    by the same weights from its size bin (bins of about a dozen masks or more, at most ten).
+
+    Parameters
+    ----------
+    labels : (y, x) int ndarray
+        Grains of the section.
+    grains2d : DataFrame
+        Columns grain, phase, r_um, border, weight.
+    shapes_per_phase : int
+    rng : numpy.random.Generator
+    alignment : {"random", "principal"}
+        How a mask is turned in its plane: at random, or long axis along x (along y in the yz plane).
+    resolution : int
+        Points around the equator (:func:`~grainfall.grains.grain_from_masks`).
+
+    Returns
+    -------
+    Library
+
+    Raises
+    ------
+    InputError
+        Where a phase has no usable mask.
+    """
+    if alignment not in ("random", "principal"):
+        raise InputError("alignment", f"unknown value {alignment!r}", "random or principal")
+    usable, skipped = _contours(labels, grains2d)
+    shapes, rows = [], []
+    for phase in sorted(grains2d["phase"].unique()):
+        masks = usable[usable["phase"] == phase]
+        if masks.empty:
+            raise InputError(
+                f"phase {phase}",
+                "no grain of it has a usable mask (uncut by the border, at least 16 pixels and 3 wide)",
+                "give a larger or finer section, or merge the phase with another",
+            )
+        radius, weight = masks["r_um"].to_numpy(), masks["weight"].to_numpy()
+        bins = _size_bins(radius)
+        for _ in range(shapes_per_phase):
+            first = _draw(rng, weight)
+            near = np.flatnonzero(bins == bins[first])
+            chosen = [first, *(near[_draw(rng, weight[near])] for _ in range(2))]
+            contours = [_turned(masks["contour"].iloc[i], alignment, rng) for i in chosen]
+            grain = grain_from_contours(contours, resolution=resolution)
+            vertices, properties = _normalised(grain)
+            shapes.append((vertices, grain.faces))
+            rows.append(
+                {
+                    "shape": len(rows),
+                    "phase": phase,
+                    "r2d_um": radius[first],
+                    **{f"mask_{p}": masks["grain"].iloc[i] for p, i in zip(_PLANES, chosen, strict=True)},
+                    "stretch": grain.stretch,
+                    **{f"iou_{p}": value for p, value in zip(_PLANES, grain.iou, strict=True)},
+                    "reading": grain.reading,
+                    **properties,
+                }
+            )
+    vertices, faces = (list(part) for part in zip(*shapes, strict=True))
+    return Library(vertices, faces, pd.DataFrame(rows), skipped)
+
+
+def _contours(labels: np.ndarray, grains2d: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Uncut grains with the contours of their masks, and the masks that have none."""
+    uncut = grains2d[~grains2d["border"].astype(bool) & (grains2d["weight"] > 0)]
+    boxes = ndimage.find_objects(labels)
+    found, reasons = [], []
+    for grain in uncut["grain"]:
+        try:
+            found.append(unit_contour(labels[boxes[grain - 1]] == grain))
+            reasons.append("")
+        except Unusable as fault:
+            found.append(None)
+            reasons.append(str(fault))
+    uncut = uncut.assign(contour=found, reason=reasons)
+    good = uncut["reason"] == ""
+    return uncut[good], uncut.loc[~good, ["grain", "phase", "reason"]].reset_index(drop=True)
+
+
+def _size_bins(radius: np.ndarray) -> np.ndarray:
+    """Bin of each radius: bins of equal count, in order of size."""
+    count = int(np.clip(len(radius) // _MASKS_A_BIN, 1, _MOST_BINS))
+    rank = np.empty(len(radius), dtype=int)
+    rank[np.argsort(radius, kind="stable")] = np.arange(len(radius))
+    return rank * count // len(radius)
+
+
+def _draw(rng: np.random.Generator, weight: np.ndarray) -> int:
+    return int(rng.choice(len(weight), p=weight / weight.sum()))
+
+
+def _turned(contour: np.ndarray, alignment: str, rng: np.random.Generator) -> np.ndarray:
+    if alignment == "principal":
+        return principal_contour(contour) * rng.choice([-1.0, 1.0])
+    angle = rng.uniform(0, 2 * np.pi)
+    c, s = np.cos(angle), np.sin(angle)
+    return contour @ np.array([[c, s], [-s, c]])
+
+
+def _normalised(grain: Grain) -> tuple[np.ndarray, dict[str, float]]:
+    """Vertices at volume 4π/3 about the centre of mass, as float32 keeps them, and their figures."""
+    volume, centre, _ = mass_properties(grain.vertices, grain.faces)
+    vertices = (grain.vertices - centre) * np.cbrt(_UNIT_VOLUME / volume)
+    vertices = vertices.astype(np.float32).astype(np.float64)
+    volume, _, inertia = mass_properties(vertices, grain.faces)
+    moments = np.linalg.eigvalsh(inertia)
+    axes = np.sqrt(moments.sum() / 2 - moments)  # of the ellipsoid of equal inertia, longest first
+    area = trimesh.triangles.area(vertices[grain.faces]).sum()
+    return vertices, {
+        "hull_excess": ConvexHull(vertices).volume / volume - 1,
+        "aspect_ratio": axes[0] / axes[2],
+        "elongation": axes[1] / axes[0],
+        "flatness": axes[2] / axes[1],
+        "sphericity": np.cbrt(np.pi) * (6 * volume) ** (2 / 3) / area,
+        **{f"inertia_{name}": inertia[k] for name, k in _INERTIA.items()},
+    }
