@@ -1,0 +1,25 @@
+"""Grain contacts of the twin, its coordination and its largest overlap."""
+
+import numpy as np
+from _stage import stage
+
+from grainfall import contacts, grains, io
+
+with stage(snakemake) as progress:
+    library = grains.Library.load(snakemake.input.library)
+    bodies = io.read_table(snakemake.input.bodies)
+    volume, attributes = io.read_volume(snakemake.input.twin, "body")
+    voxel = attributes["voxel_size_um"]
+    size = tuple(np.array(volume.shape[::-1]) * voxel)
+    table = contacts.find_contacts(
+        bodies, library, volume, voxel, snakemake.params.settings["contacts"]["tolerance"]
+    )
+    by_phase = contacts.coordination(table, bodies, size)
+    summary = {
+        "max_overlap": contacts.max_overlap(bodies, library, size),
+        **by_phase.iloc[0].drop("phase").to_dict(),
+        "by_phase": by_phase.iloc[1:].to_dict("records"),
+    }
+    io.write_table(snakemake.output.contacts, table)
+    io.write_json(snakemake.output.summary, summary)
+    progress.say("coordination {coordination:.2f}, largest overlap {max_overlap:.4f}".format(**summary))
