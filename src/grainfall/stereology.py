@@ -1,0 +1,407 @@
+"""Wicksell's corpuscle problem: the radii of sections become the radii of the particles that were cut.
+
+A plane meets a sphere of radius R with probability proportional to R, at a distance from the centre that is
+uniform on (0, R). Number densities of particles (f3D) and of sections (f2D) therefore obey
+
+    f2D(r) = r / E[R] * integral over R > r of f3D(R) / sqrt(R^2 - r^2) dR .
+
+Everything here is a number density per micrometre of radius; other shapes than spheres enter through their
+equivalent radii only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import pandas as pd
+from scipy.optimize import nnls
+
+from grainfall.errors import InputError
+
+METHODS = ("adaptive", "paper", "none")
+Inversion = tuple[
+    np.ndarray, Callable[[np.ndarray], np.ndarray], float
+]  # grid, weights -> f3d, regularisation
+COLUMNS = ["phase", "kind", "r_lo_um", "r_hi_um", "f2d", "f3d", "lower", "upper"]
+
+
+@dataclass(frozen=True)
+class SizeDistribution:
+    """Radii in sections and in space as histograms on common bins.
+
+    Attributes
+    ----------
+    edges_um : (n + 1,) ndarray
+        Bin edges, increasing, micrometres.
+    f2d, f3d : (n,) ndarray
+        Number densities of section radii and of particle radii, per micrometre; each integrates to 1.
+    lower, upper : (n,) ndarray
+        Pointwise 95 % bootstrap band of ``f3d``; equal to it where no bootstrap was asked for.
+    method : str
+        How ``f3d`` was found.
+    regularisation : float
+        Weight of the penalty that was chosen; NaN where there is none.
+    """
+
+    edges_um: np.ndarray
+    f2d: np.ndarray
+    f3d: np.ndarray
+    lower: np.ndarray = field(repr=False)
+    upper: np.ndarray = field(repr=False)
+    method: str
+    regularisation: float
+
+    def masses(self, which: str = "f3d") -> np.ndarray:
+        """Probability of each bin, (n,), for ``which`` of ``"f3d"`` and ``"f2d"``."""
+        return _which(self, which) * np.diff(self.edges_um)
+
+    def moment(self, power: int, which: str = "f3d") -> float:
+        """E[r**power] in um**power, exact for a density that is constant within bins."""
+        edges = self.edges_um
+        integral = np.diff(edges ** (power + 1)) / (power + 1)
+        return float(_which(self, which) @ integral)
+
+    def mean(self, which: str = "f3d") -> float:
+        """Mean radius, micrometres."""
+        return self.moment(1, which)
+
+    def mean_volume(self, which: str = "f3d") -> float:
+        """Mean volume of a sphere, cubic micrometres."""
+        return 4.0 / 3.0 * np.pi * self.moment(3, which)
+
+    def cdf(self, radii_um: np.ndarray | float, which: str = "f3d") -> np.ndarray | float:
+        """Probability of a radius at most ``radii_um`` (any shape)."""
+        cumulative = np.concatenate([[0.0], np.cumsum(self.masses(which))])
+        return np.interp(radii_um, self.edges_um, cumulative / cumulative[-1])
+
+    def quantile(self, q: np.ndarray | float, which: str = "f3d") -> np.ndarray | float:
+        """Smallest radius (um) at which the distribution function reaches ``q`` (any shape)."""
+        cumulative = np.concatenate([[0.0], np.cumsum(self.masses(which))])
+        cumulative /= cumulative[-1]
+        q = np.asarray(q, dtype=float)
+        if np.any((q < 0) | (q > 1)):
+            raise ValueError("a quantile lies between 0 and 1")
+        # Empty bins make flat pieces, which np.interp would not resolve to the left end.
+        right = np.clip(np.searchsorted(cumulative, q, side="left"), 1, len(cumulative) - 1)
+        low, high = cumulative[right - 1], cumulative[right]
+        share = np.divide(q - low, high - low, out=np.zeros_like(q), where=high > low)
+        first = int(np.argmax(self.masses(which) > 0))
+        found = self.edges_um[right - 1] + share * np.diff(self.edges_um)[right - 1]
+        return np.maximum(found, self.edges_um[first])[()]
+
+
+def _which(distribution: SizeDistribution, which: str) -> np.ndarray:
+    if which not in ("f3d", "f2d"):
+        raise ValueError(f"which = {which!r}: f3d or f2d")
+    return getattr(distribution, which)
+
+
+def section_kernel(section_edges: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    r"""Probability that a particle drawn and cut gives a section in bin i, exact for flat bins.
+
+    With a number density that is constant on the particle bin [a, b], the chance that a section of such a
+    particle exceeds x is ``(G(b, x) - G(a, x)) / (G(b, 0) - G(a, 0))`` where
+
+    .. math:: G(R, x) = \int_x^R \sqrt{\rho^2 - x^2}\, d\rho
+                      = \tfrac12 \left( R\sqrt{R^2 - x^2} - x^2 \operatorname{arccosh}(R / x) \right)
+
+    and G = 0 for R < x: the survival function of Wicksell's equation, integrated over the bin.
+
+    Parameters
+    ----------
+    section_edges : (m + 1,) ndarray
+        Increasing edges of the section bins, >= 0.
+    edges : (n + 1,) ndarray
+        Increasing edges of the particle bins, >= 0.
+
+    Returns
+    -------
+    (m, n) ndarray
+        Column j sums to 1 where the section bins cover [0, edges[j + 1]]. A particle is cut in proportion
+        to its radius: multiply column j by the bin's mean radius to start from number densities.
+    """
+    x = np.asarray(section_edges, dtype=float)[:, None]
+    radius = np.maximum(np.asarray(edges, dtype=float)[None, :], x)
+    ratio = np.divide(radius, x, out=np.ones_like(radius), where=x > 0)
+    primitive = 0.5 * (radius * np.sqrt((radius - x) * (radius + x)) - x**2 * np.arccosh(ratio))
+    survival = np.diff(primitive, axis=1)
+    return -np.diff(survival, axis=0) / (0.5 * np.diff(np.asarray(edges, dtype=float) ** 2))
+
+
+def midpoint_kernel(edges: np.ndarray) -> np.ndarray:
+    """The paper's matrix **A**: section densities at bin midpoints from particle densities (up to a factor).
+
+    a_ij = r_mi [ln((R + s) / (R - s))] between max(r_(j-1), r_mi) and max(r_j, r_mi), s = sqrt(R^2 - r_mi^2).
+    The paper's lower limit r_(j-1) is below r_mi on the diagonal, where the root is imaginary (NaN);
+    particles smaller than the section cannot have made it, so the integral starts at r_mi.
+    Half the logarithm is arccosh(R / r_mi), which does not cancel.
+
+    Parameters
+    ----------
+    edges : (n + 1,) ndarray
+
+    Returns
+    -------
+    (n, n) ndarray
+    """
+    middle = 0.5 * (edges[1:] + edges[:-1])[:, None]
+    limits = np.maximum(edges[None, :], middle)
+    return 2.0 * middle * np.diff(np.arccosh(limits / middle), axis=1)
+
+
+def unfold(
+    radii_um: np.ndarray,
+    weights: np.ndarray | None = None,
+    *,
+    method: str = "adaptive",
+    edges_um: np.ndarray | None = None,
+    bootstrap: int = 0,
+    rng: np.random.Generator | None = None,
+) -> SizeDistribution:
+    """Distribution of particle radii from the radii of their sections.
+
+    Parameters
+    ----------
+    radii_um : (n,) array
+        Section radii, > 0, micrometres.
+    weights : (n,) array, optional
+        Edge corrections (Miles-Lantuejoul), >= 0; sections of weight 0 are left out. Equal by default.
+    method : {"adaptive", "paper", "none"}
+        ``adaptive``: exact kernel, bins and roughness penalty chosen from the data.
+        ``paper``: midpoint kernel, bins up to 2 max r, identity penalty by generalised cross-validation.
+        ``none``: f3D := f2D.
+    edges_um : (m + 1,) array, optional
+        Bins of the result, increasing, >= 0, that hold all radii; chosen from the data otherwise.
+    bootstrap : int
+        Resamples behind the 95 % band; 0 for none. The regularisation is held as the data chose it.
+    rng : numpy.random.Generator, optional
+        Needed when ``bootstrap`` > 0.
+
+    Returns
+    -------
+    SizeDistribution
+
+    Raises
+    ------
+    InputError
+        When there is no section, a radius is not a positive number, or weights or bins do not fit. A phase
+        (or pore space) without sections has no size distribution; the caller leaves it out.
+    """
+    radii, weights = _checked(radii_um, weights)
+    if method not in METHODS:
+        raise InputError("stereology method", f"{method!r} is not known", f"one of {', '.join(METHODS)}")
+    if bootstrap and rng is None:
+        raise ValueError("a bootstrap needs an rng")
+    if edges_um is not None:
+        edges_um = _checked_edges(edges_um, radii)
+
+    grid, solve, regularisation = {"adaptive": _adaptive, "paper": _paper, "none": _none}[method](
+        radii, weights, edges_um
+    )
+    edges = grid if edges_um is None else edges_um
+    f3d = _rebinned(grid, solve(weights), edges)
+    f2d = _histogram(radii, weights, edges)
+    lower = upper = f3d
+    if bootstrap:
+        n = len(radii)
+        copies = rng.multinomial(n, np.full(n, 1.0 / n), size=bootstrap)
+        replicas = [_rebinned(grid, solve(weights * k), edges) for k in copies if np.any(weights * k > 0)]
+        lower, upper = np.quantile(replicas, [0.025, 0.975], axis=0)
+    return SizeDistribution(edges, f2d, f3d, lower, upper, method, regularisation)
+
+
+def _checked(radii_um: np.ndarray, weights: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """Sorted radii of positive weight, and their weights."""
+    radii = np.asarray(radii_um, dtype=float).ravel()
+    weights = np.ones_like(radii) if weights is None else np.asarray(weights, dtype=float).ravel()
+    if weights.shape != radii.shape:
+        raise InputError("section weights", f"{weights.size} for {radii.size} radii", "one weight for each")
+    if not np.all(np.isfinite(weights) & (weights >= 0)):
+        raise InputError("section weights", "negative or not finite", "weights are numbers >= 0")
+    radii, weights = radii[weights > 0], weights[weights > 0]
+    if radii.size == 0:
+        raise InputError("section radii", "there is no uncut section to unfold", "leave this phase out")
+    if not np.all(np.isfinite(radii) & (radii > 0)):
+        raise InputError("section radii", "zero, negative or not finite", "radii are numbers > 0 in um")
+    order = np.argsort(radii, kind="stable")
+    return radii[order], weights[order]
+
+
+def _checked_edges(edges_um: np.ndarray, radii: np.ndarray | None = None) -> np.ndarray:
+    edges = np.asarray(edges_um, dtype=float).ravel()
+    if edges.size < 2 or not np.all(np.isfinite(edges)) or edges[0] < 0 or np.any(np.diff(edges) <= 0):
+        raise InputError("size bins", "not increasing from 0 or above", "give at least two finite edges")
+    if radii is not None and not edges[0] <= radii[0] <= radii[-1] <= edges[-1]:
+        raise InputError(
+            "size bins",
+            f"{edges[0]:g} to {edges[-1]:g} um does not hold the radii",
+            f"cover {radii[0]:g} to {radii[-1]:g} um",
+        )
+    return edges
+
+
+def _histogram(radii: np.ndarray, weights: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Density of weighted radii on bins that hold them all."""
+    counts = np.histogram(radii, edges, weights=weights)[0]
+    return counts / (weights.sum() * np.diff(edges))
+
+
+def _density(values: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    return values / (values @ np.diff(edges))
+
+
+def _none(radii: np.ndarray, weights: np.ndarray, edges_um: np.ndarray | None) -> Inversion:
+    edges = _bins(radii, weights) if edges_um is None else edges_um
+    return edges, lambda w: _histogram(radii, w, edges), np.nan
+
+
+def _paper(radii: np.ndarray, weights: np.ndarray, edges_um: np.ndarray | None, bins: int = 40) -> Inversion:
+    """The paper's inversion; it leaves the number of bins and the penalty's weight open (here: 40, GCV)."""
+    edges = np.linspace(0.0, 2.0 * radii[-1], bins + 1) if edges_um is None else edges_um
+    matrix = midpoint_kernel(edges)
+    singular = np.linalg.svd(matrix, compute_uv=False) ** 2
+    identity = np.eye(len(singular))
+
+    def solve(w: np.ndarray, penalty: float) -> np.ndarray:
+        target = np.concatenate([_histogram(radii, w, edges), np.zeros(len(singular))])
+        return nnls(np.vstack([matrix, np.sqrt(penalty) * identity]), target)[0]
+
+    def gcv(penalty: float) -> float:
+        misfit = np.sum((matrix @ solve(weights, penalty) - _histogram(radii, weights, edges)) ** 2)
+        return misfit / np.sum(penalty / (singular + penalty)) ** 2
+
+    penalty = min(singular[0] * np.logspace(-8, 1, 28), key=gcv)
+    return edges, lambda w: _density(solve(w, penalty), edges), float(penalty)
+
+
+def _bins(radii: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    return np.linspace(0.0, radii[-1] * (1 + 1e-9), 81)
+
+
+def _adaptive(
+    radii: np.ndarray, weights: np.ndarray, edges_um: np.ndarray | None, folds: int = 5
+) -> Inversion:
+    edges = _bins(radii, weights)
+    matrix = section_kernel(edges, edges) * np.diff(edges**2)
+    matrix /= np.linalg.norm(matrix, 2)
+    rough = np.diff(np.eye(len(edges) - 1), 2, axis=0)
+    bin_of = np.clip(np.searchsorted(edges, radii, side="right") - 1, 0, len(edges) - 2)
+
+    def solve(w: np.ndarray, penalty: float) -> np.ndarray:
+        share = np.bincount(bin_of, w, len(edges) - 1) / w.sum()
+        system = np.vstack([matrix, np.sqrt(penalty) * rough])
+        return nnls(system, np.concatenate([share, np.zeros(len(rough))]))[0]
+
+    fold = np.arange(len(radii)) % min(folds, len(radii))
+
+    def held_out(penalty: float) -> float:
+        score = 0.0
+        for k in range(fold.max() + 1):
+            held = fold == k
+            if not np.any(~held):
+                return -penalty
+            model = matrix @ solve(weights * ~held, penalty)
+            share = np.bincount(bin_of[held], weights[held], len(model)) / weights[held].sum()
+            score += np.sum(np.cumsum(model / model.sum() - share) ** 2)
+        return score
+
+    penalty = min(np.logspace(1, -8, 19), key=held_out)
+    return edges, lambda w: _density(solve(w, penalty), edges), float(penalty)
+
+
+def _rebinned(edges: np.ndarray, density: np.ndarray, onto: np.ndarray) -> np.ndarray:
+    """A density that is constant within ``edges`` averaged over the bins ``onto``."""
+    if edges is onto:
+        return density
+    cumulative = np.concatenate([[0.0], np.cumsum(density * np.diff(edges))])
+    return np.diff(np.interp(onto, edges, cumulative)) / np.diff(onto)
+
+
+def rebin(distribution: SizeDistribution, edges_um: np.ndarray) -> SizeDistribution:
+    """The same distribution on other bins; each bin keeps its number of particles.
+
+    Parameters
+    ----------
+    distribution : SizeDistribution
+    edges_um : (m + 1,) array
+        Increasing edges that hold the whole distribution.
+
+    Returns
+    -------
+    SizeDistribution
+        The band's ends are averaged over the new bins like the densities, which is on the wide side.
+
+    Raises
+    ------
+    InputError
+        When the edges do not increase or would cut particles or sections off.
+    """
+    old, new = distribution.edges_um, _checked_edges(edges_um)
+    filled = np.flatnonzero((distribution.f2d > 0) | (distribution.f3d > 0))
+    _checked_edges(new, old[[filled[0], filled[-1] + 1]])
+    densities = (
+        _rebinned(old, getattr(distribution, name), new) for name in ("f2d", "f3d", "lower", "upper")
+    )
+    return SizeDistribution(new, *densities, distribution.method, distribution.regularisation)
+
+
+def draw_radii(
+    distribution: SizeDistribution, n: int, rng: np.random.Generator, which: str = "f3d"
+) -> np.ndarray:
+    """Radii of ``n`` particles: one from each of n equally probable strata, in random order.
+
+    Parameters
+    ----------
+    distribution : SizeDistribution
+    n : int
+    rng : numpy.random.Generator
+    which : {"f3d", "f2d"}
+
+    Returns
+    -------
+    (n,) ndarray
+        Micrometres. Their distribution function differs from the distribution's by at most 1 / n.
+    """
+    strata = (np.arange(n) + rng.random(n)) / max(n, 1)
+    return rng.permutation(distribution.quantile(strata, which))
+
+
+def to_table(distributions: Mapping[tuple[int, str], SizeDistribution]) -> pd.DataFrame:
+    """One row a bin, columns as in ``sizes.csv``.
+
+    Parameters
+    ----------
+    distributions : mapping of (phase, kind) to SizeDistribution
+        Kind is ``grain`` or ``pore``. What has no sections has no key and no rows.
+    """
+    rows = [
+        pd.DataFrame(
+            {
+                "phase": phase,
+                "kind": kind,
+                "r_lo_um": d.edges_um[:-1],
+                "r_hi_um": d.edges_um[1:],
+                "f2d": d.f2d,
+                "f3d": d.f3d,
+                "lower": d.lower,
+                "upper": d.upper,
+            }
+        )
+        for (phase, kind), d in distributions.items()
+    ]
+    return pd.concat(rows, ignore_index=True) if rows else pd.DataFrame(columns=COLUMNS)
+
+
+def from_table(table: pd.DataFrame) -> dict[tuple[int, str], SizeDistribution]:
+    """The distributions of a table made by :func:`to_table`, by (phase, kind).
+
+    The table holds no method and no regularisation: they read ``"table"`` and NaN.
+    """
+    found = {}
+    for (phase, kind), rows in table.groupby(["phase", "kind"], sort=False):
+        edges = np.append(rows["r_lo_um"].to_numpy(), rows["r_hi_um"].iloc[-1])
+        columns = (rows[name].to_numpy(dtype=float) for name in ("f2d", "f3d", "lower", "upper"))
+        found[int(phase), str(kind)] = SizeDistribution(edges, *columns, "table", np.nan)
+    return found

@@ -1,0 +1,250 @@
+"""Wicksell's equation: analytic truths of the kernel, invariants of the estimate, degenerate input."""
+
+import itertools
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import quad
+
+from grainfall.errors import InputError
+from grainfall.stereology import (
+    METHODS,
+    SizeDistribution,
+    draw_radii,
+    from_table,
+    midpoint_kernel,
+    rebin,
+    section_kernel,
+    to_table,
+    unfold,
+)
+
+
+def sections(radii, rng):
+    """Cut spheres at a uniform distance from their centres."""
+    return radii * np.sqrt(1.0 - rng.random(len(radii)) ** 2)
+
+
+def lognormal_sections(n, rng, sigma=0.25, median=50.0):
+    # A lognormal that is weighted by its size is the lognormal shifted by sigma^2.
+    return sections(median * np.exp(sigma**2 + sigma * rng.standard_normal(n)), rng)
+
+
+def flat(edges, masses):
+    edges, masses = np.asarray(edges, float), np.asarray(masses, float)
+    density = masses / (masses.sum() * np.diff(edges))
+    return SizeDistribution(edges, density, density, density, density, "test", np.nan)
+
+
+def test_kernel_equals_quadrature():
+    section_edges, edges = np.array([0.0, 0.3, 0.9, 1.1, 2.0]), np.array([0.2, 0.9, 1.0, 1.9])
+    kernel = section_kernel(section_edges, edges)
+    for j, (a, b) in enumerate(itertools.pairwise(edges)):
+        for i, (lo, hi) in enumerate(itertools.pairwise(section_edges)):
+
+            def in_bin(radius, lo=lo, hi=hi):
+                root = [np.sqrt(max(radius**2 - x**2, 0.0)) for x in (lo, hi)]
+                return root[0] - root[1]
+
+            knots = [x for x in (lo, hi) if a < x < b]
+            number = quad(in_bin, a, b, points=knots or None, epsabs=1e-13, limit=200)[0]
+            assert kernel[i, j] == pytest.approx(number / ((b**2 - a**2) / 2), abs=1e-9)
+
+
+def test_kernel_is_a_probability_and_cuts_no_larger_section():
+    edges = np.geomspace(1e-4, 1e3, 60)
+    kernel = section_kernel(np.concatenate([[0.0], edges]), edges)
+    np.testing.assert_allclose(kernel.sum(axis=0), 1.0, rtol=1e-12)
+    assert np.all(kernel >= 0)
+    assert not np.tril(kernel[1:], -1).any()
+
+
+def test_kernel_of_equal_spheres_has_the_known_moments():
+    """E[r] = (pi/4) E[R^2] / E[R] and E[r^2] = (2/3) E[R^3] / E[R], here for a narrow bin at R = 1."""
+    fine = np.linspace(0.0, 1.0005, 20001)
+    share = section_kernel(fine, np.array([0.9995, 1.0005]))[:, 0]
+    middle = 0.5 * (fine[1:] + fine[:-1])
+    assert share @ middle == pytest.approx(np.pi / 4, abs=1e-5)
+    assert share @ middle**2 == pytest.approx(2 / 3, abs=1e-5)
+
+
+def test_paper_kernel_has_no_nan_and_is_wicksells_equation():
+    edges = np.linspace(0.0, 2.0, 401)
+    kernel = midpoint_kernel(edges)
+    assert np.all(np.isfinite(kernel))
+    assert not np.tril(kernel, -1).any()
+    # A flat number density on (0, 2), E[R] = 1: f2D(r) = r arccosh(2 / r) / 2.
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    np.testing.assert_allclose(kernel.sum(axis=1) / 4, middle * np.arccosh(2.0 / middle) / 2, rtol=1e-9)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_densities_integrate_to_one(method):
+    found = unfold(lognormal_sections(150, np.random.default_rng(0)), method=method)
+    for which in ("f2d", "f3d"):
+        assert found.masses(which).sum() == pytest.approx(1.0)
+    assert np.all(found.f3d >= 0)
+
+
+def test_equal_spheres_are_found():
+    found = unfold(sections(np.full(1000, 30.0), np.random.default_rng(1)))
+    # The sections' own mean is 21 % too small.
+    assert found.mean("f2d") == pytest.approx(30 * np.pi / 4, rel=0.03)
+    assert found.mean() == pytest.approx(30.0, rel=0.1)
+    assert found.quantile(0.5) == pytest.approx(30.0, rel=0.02)
+
+
+def test_section_moments_follow_from_the_estimate():
+    """The estimate explains the data: E[r] = (pi/4) E[R^2] / E[R]."""
+    found = unfold(lognormal_sections(3000, np.random.default_rng(2), sigma=0.4))
+    assert found.mean("f2d") == pytest.approx(np.pi / 4 * found.moment(2) / found.mean(), rel=0.02)
+
+
+def test_correction_reverses_for_wide_distributions():
+    """E[r]/E[R] = (pi/4)(1 + CV^2): sections look smaller below CV 0.52 and larger above."""
+    rng = np.random.default_rng(3)
+    narrow = unfold(lognormal_sections(2000, rng, sigma=0.2))
+    wide = unfold(lognormal_sections(2000, rng, sigma=0.8))
+    assert narrow.mean("f2d") < narrow.mean()
+    assert wide.mean("f2d") > wide.mean()
+
+
+def test_scale_does_not_matter():
+    radii = lognormal_sections(100, np.random.default_rng(4))
+    small, large = unfold(radii), unfold(1000.0 * radii)
+    np.testing.assert_allclose(large.edges_um, 1000 * small.edges_um, rtol=1e-9)
+    np.testing.assert_allclose(large.cdf(large.edges_um), small.cdf(small.edges_um), atol=1e-6)
+
+
+def test_weights_act_like_copies():
+    radii = lognormal_sections(60, np.random.default_rng(5))
+    weights = np.where(np.arange(60) % 3 == 0, 2.0, 1.0)
+    weighted = unfold(radii, weights, method="paper")
+    copied = unfold(np.repeat(radii, weights.astype(int)), method="paper")
+    np.testing.assert_allclose(weighted.f2d, copied.f2d, rtol=1e-12)
+    np.testing.assert_allclose(weighted.f3d, copied.f3d, atol=1e-9 * copied.f3d.max())
+
+
+def test_sections_of_no_weight_are_left_out():
+    radii = lognormal_sections(50, np.random.default_rng(6))
+    cut = unfold(np.append(radii, 1e4), np.append(np.ones(50), 0.0))
+    np.testing.assert_array_equal(cut.f3d, unfold(radii).f3d)
+
+
+def test_no_inversion_keeps_the_sections():
+    found = unfold(lognormal_sections(50, np.random.default_rng(7)), method="none")
+    np.testing.assert_array_equal(found.f3d, found.f2d)
+
+
+def test_band_repeats_with_its_seed_and_has_width():
+    radii = lognormal_sections(200, np.random.default_rng(8))
+    edges = np.linspace(0.0, 1.01 * radii.max(), 11)
+    first, again = (
+        unfold(radii, edges_um=edges, bootstrap=40, rng=np.random.default_rng(0)) for _ in range(2)
+    )
+    np.testing.assert_array_equal(first.lower, again.lower)
+    np.testing.assert_array_equal(first.upper, again.upper)
+    assert np.all(first.lower <= first.upper)
+    assert np.any(first.upper > first.lower)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("radii", [[7.0], [7.0, 7.0, 7.0], [1e-3, 1.0, 1e4]])
+def test_degenerate_sections(method, radii):
+    found = unfold(radii, method=method, bootstrap=5, rng=np.random.default_rng(0))
+    assert np.all(np.isfinite(found.f3d))
+    assert found.masses().sum() == pytest.approx(1.0)
+    assert found.edges_um[-1] >= max(radii)
+    assert np.all(np.isfinite(draw_radii(found, 10, np.random.default_rng(0))))
+
+
+def test_one_section_is_read_as_its_particle():
+    assert unfold([7.0]).mean() == pytest.approx(7.0, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("radii", "arguments"),
+    [
+        ([], {}),
+        ([1.0, 2.0], {"weights": [0.0, 0.0]}),
+        ([1.0, -2.0], {}),
+        ([1.0, np.nan], {}),
+        ([1.0, 2.0], {"weights": [1.0]}),
+        ([1.0, 2.0], {"weights": [1.0, -1.0]}),
+        ([1.0, 2.0], {"method": "saltykov"}),
+        ([1.0, 2.0], {"edges_um": [0.0, 1.5]}),
+        ([1.0, 2.0], {"edges_um": [3.0, 0.0]}),
+    ],
+)
+def test_a_users_mistake_is_one_line(radii, arguments):
+    with pytest.raises(InputError) as fault:
+        unfold(radii, **arguments)
+    assert "\n" not in str(fault.value)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    masses=st.lists(st.floats(0.0, 1.0), min_size=2, max_size=8).filter(lambda m: sum(m) > 0.1),
+    cuts=st.lists(st.floats(0.0, 20.0), max_size=6),
+)
+def test_rebinning_keeps_numbers_and_finer_bins_keep_everything(masses, cuts):
+    dist = flat(np.arange(len(masses) + 1.0), masses)
+    ends = [0.0, 21.0]
+    coarse = rebin(dist, np.unique(cuts + ends))
+    assert coarse.masses().sum() == pytest.approx(1.0)
+    np.testing.assert_allclose(coarse.cdf(coarse.edges_um), dist.cdf(coarse.edges_um), atol=1e-12)
+    fine = rebin(dist, np.unique(np.concatenate([dist.edges_um, cuts, ends])))
+    assert fine.mean() == pytest.approx(dist.mean())
+    assert fine.mean_volume() == pytest.approx(dist.mean_volume())
+
+
+def test_rebinning_refuses_to_lose_particles():
+    with pytest.raises(InputError):
+        rebin(flat([0.0, 1.0, 2.0], [1.0, 1.0]), [0.0, 1.5])
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    masses=st.lists(st.floats(0.0, 1.0), min_size=1, max_size=8).filter(lambda m: sum(m) > 0.1),
+    n=st.integers(1, 300),
+)
+def test_stratified_radii_follow_the_distribution(masses, n):
+    dist = flat(np.arange(len(masses) + 1.0) + 1.0, masses)
+    radii = draw_radii(dist, n, np.random.default_rng(n))
+    empirical = np.searchsorted(np.sort(radii), dist.edges_um, side="right") / n
+    assert np.max(np.abs(empirical - dist.cdf(dist.edges_um))) <= 1 / n + 1e-9
+    np.testing.assert_array_equal(radii, draw_radii(dist, n, np.random.default_rng(n)))
+
+
+def test_moments_of_a_flat_density():
+    dist = flat([0.0, 2.0], [1.0])
+    assert dist.mean() == pytest.approx(1.0)
+    assert dist.mean_volume() == pytest.approx(4 / 3 * np.pi * 2.0)
+    assert dist.quantile(0.25) == pytest.approx(0.5)
+    assert dist.cdf(1.5) == pytest.approx(0.75)
+
+
+def test_quantiles_skip_empty_bins():
+    dist = flat([0.0, 1.0, 2.0, 3.0, 4.0], [0.0, 1.0, 0.0, 1.0])
+    assert dist.quantile(0.0) == pytest.approx(1.0)
+    assert dist.quantile(0.5) == pytest.approx(2.0)
+    assert dist.quantile(1.0) == pytest.approx(4.0)
+
+
+def test_table_round_trip():
+    dists = {
+        (1, "grain"): unfold(lognormal_sections(40, np.random.default_rng(9))),
+        (0, "pore"): flat([0.0, 1.0, 3.0], [1.0, 2.0]),
+    }
+    table = to_table(dists)
+    assert list(table.columns) == ["phase", "kind", "r_lo_um", "r_hi_um", "f2d", "f3d", "lower", "upper"]
+    back = from_table(table)
+    assert list(back) == list(dists)
+    for key, dist in dists.items():
+        np.testing.assert_array_equal(back[key].edges_um, dist.edges_um)
+        np.testing.assert_array_equal(back[key].f3d, dist.f3d)
+    assert from_table(to_table({})) == {}
+    assert isinstance(to_table({}), pd.DataFrame)
