@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 from scipy.spatial.transform import Rotation
-from skimage.measure import regionprops
 
 from grainfall import grains, io
 from grainfall.errors import InputError
 from grainfall.grains import contours
+from grainfall.morphology import grain_masks, measure_grains
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -309,18 +309,6 @@ def test_sphere_has_unit_equal_volume_radius():
 # ---- the library --------------------------------------------------------------------------------------
 
 
-def measured(labels, phase_of):
-    """A minimal grains2d table."""
-    rows = []
-    height, width = labels.shape
-    for region in regionprops(labels):
-        y0, x0, y1, x1 = region.bbox
-        border = y0 == 0 or x0 == 0 or y1 == height or x1 == width
-        weight = 0.0 if border else 1 / ((height - (y1 - y0)) * (width - (x1 - x0)))
-        rows.append((region.label, phase_of(region.label), np.sqrt(region.area / np.pi), border, weight))
-    return pd.DataFrame(rows, columns=["grain", "phase", "r_um", "border", "weight"])
-
-
 @pytest.fixture(scope="module")
 def section():
     """Ellipses of two minerals on a grid, one grain cut by the border (37), a speck (38) and a line (39)."""
@@ -335,7 +323,7 @@ def section():
     labels[180:220, 0:3] = 37
     labels[2, 2:5] = 38
     labels[396:398, 100:160] = 39
-    return labels, measured(labels, lambda n: 1 + n % 2)
+    return labels, measure_grains(labels, 1 + labels % 2, 1.0)
 
 
 @pytest.fixture(scope="module")
@@ -497,11 +485,10 @@ def test_export_refuses_what_it_cannot_write(bodies, library, tmp_path):
 
 def test_real_grains_are_reproduced(shared_data):
     labels = np.load(shared_data / "thin_section" / "miocene_20_2_instances.npz")["labels"]
-    table = measured(labels, lambda n: 1)
-    boxes = ndimage.find_objects(labels)
+    table = measure_grains(labels, (labels > 0).astype(np.uint8), 1.0)
     iou, seen = [], []
-    for grain in table.loc[~table["border"], "grain"].head(100):
-        contour = contours.principal_contour(grains.unit_contour(labels[boxes[grain - 1]] == grain))
+    for mask in grain_masks(labels, table)[:100]:
+        contour = contours.principal_contour(grains.unit_contour(mask))
         iou.append(grains.grain_from_contours([contour] * 3).iou.min())
         seen.append(contours.star_overlap(contour))
     iou, seen = np.array(iou), np.array(seen)

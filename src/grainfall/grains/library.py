@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import trimesh
-from scipy import ndimage
 from scipy.spatial import ConvexHull
 
 from grainfall import io
 from grainfall.errors import InputError
 from grainfall.grains.contours import Unusable, principal_contour
 from grainfall.grains.shape import Grain, grain_from_contours, mass_properties, unit_contour
+from grainfall.morphology import grain_masks
 
 SPHERE = -1
 """Shape id of a sphere, which is in no library."""
@@ -161,9 +161,11 @@ def build_library(
             rows.append(
                 {
                     "shape": len(rows),
-                    "phase": phase,
+                    "phase": int(phase),
                     "r2d_um": radius[first],
-                    **{f"mask_{p}": masks["grain"].iloc[i] for p, i in zip(_PLANES, chosen, strict=True)},
+                    **{
+                        f"mask_{p}": int(masks["grain"].iloc[i]) for p, i in zip(_PLANES, chosen, strict=True)
+                    },
                     "stretch": grain.stretch,
                     **{f"iou_{p}": value for p, value in zip(_PLANES, grain.iou, strict=True)},
                     "reading": grain.reading,
@@ -176,19 +178,18 @@ def build_library(
 
 def _contours(labels: np.ndarray, grains2d: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Uncut grains with the contours of their masks, and the masks that have none."""
-    uncut = grains2d[~grains2d["border"].astype(bool) & (grains2d["weight"] > 0)]
-    boxes = ndimage.find_objects(labels)
+    uncut = grains2d[~grains2d["border"]]
     found, reasons = [], []
-    for grain in uncut["grain"]:
+    for mask in grain_masks(labels, grains2d):
         try:
-            found.append(unit_contour(labels[boxes[grain - 1]] == grain))
+            found.append(unit_contour(mask))
             reasons.append("")
         except Unusable as fault:
             found.append(None)
             reasons.append(str(fault))
     uncut = uncut.assign(contour=found, reason=reasons)
-    good = uncut["reason"] == ""
-    return uncut[good], uncut.loc[~good, ["grain", "phase", "reason"]].reset_index(drop=True)
+    usable = uncut["reason"] == ""
+    return uncut[usable], uncut.loc[~usable, ["grain", "phase", "reason"]].reset_index(drop=True)
 
 
 def _size_bins(radius: np.ndarray) -> np.ndarray:
