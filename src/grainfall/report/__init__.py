@@ -1,0 +1,56 @@
+"""The report: tables of what was measured, figures, and one self-contained HTML page that judges the twins.
+
+``tables`` needs pandas and SciPy only; matplotlib, plotly and jinja2 are loaded by the modules that draw.
+"""
+
+from grainfall.report.tables import (
+    METRICS,
+    SUMMARY_COLUMNS,
+    Judgement,
+    correction_values,
+    flow_values,
+    intervals,
+    judge,
+    metrics_table,
+    network_values,
+    paired_differences,
+    phase_values,
+    read_costs,
+    section_comparison,
+    summary_row,
+    verdict,
+)
+
+__all__ = [
+    "METRICS",
+    "SUMMARY_COLUMNS",
+    "Judgement",
+    "build_report",
+    "correction_values",
+    "figure_files",
+    "flow_values",
+    "intervals",
+    "judge",
+    "metrics_table",
+    "network_values",
+    "paired_differences",
+    "phase_values",
+    "read_costs",
+    "save_figure",
+    "section_comparison",
+    "summary_row",
+    "verdict",
+]
+
+
+def __getattr__(name: str):
+    """Load what draws only when it is asked for."""
+    if name in ("build_report", "figure_files"):
+        from grainfall.report import html
+
+        return getattr(html, name)
+    if name == "save_figure":
+        from grainfall.report.figures import save_figure
+
+        return save_figure
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

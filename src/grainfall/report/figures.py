@@ -1,0 +1,647 @@
+"""Figures of the report: each a function of arrays and tables that returns a matplotlib ``Figure``.
+
+No pyplot, no global state. One colour per concept (Okabe and Ito's palette), always joined by a second cue
+(line style, outline, marker or label), so that the figures hold in greyscale and for the colour-blind.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import matplotlib.style
+import numpy as np
+import pandas as pd
+from matplotlib.collections import EllipseCollection, LineCollection
+from matplotlib.colors import LightSource, to_rgb, to_rgba
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch, Rectangle
+from matplotlib.transforms import Affine2D
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+from skimage.measure import approximate_polygon, find_contours, regionprops
+
+from grainfall.io import atomic_path
+from grainfall.report.tables import METRICS, number
+
+PORE = "#FFFFFF"
+MINERALS = ("#0072B2", "#E69F00", "#7A7A7A", "#B9B9B9", "#4D4D4D", "#A9744F")
+SECTION = "#000000"
+TRUTH = "#009E73"
+TWIN = "#D55E00"
+FIRST = "#56B4E9"
+PORE_CIRCLE = "#CC79A7"
+VIRTUAL = "#F0E442"
+VIRTUAL_LABEL = 255
+"""Label of virtual spheres in the volume of the second packing."""
+
+STYLE = {
+    "font.size": 9,
+    "axes.titlesize": 10,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.labelsize": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "legend.fontsize": 8,
+    "legend.frameon": False,
+    "xtick.labelsize": 8,
+    "ytick.labelsize": 8,
+    "lines.linewidth": 1.6,
+    "figure.constrained_layout.use": True,
+    "figure.facecolor": "white",
+    "savefig.dpi": 200,
+    "svg.hashsalt": "grainfall",
+    "svg.fonttype": "path",
+}
+
+WIDTH = 7.2
+"""Width of a full figure in inches."""
+
+
+def _styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
+    @functools.wraps(draw)
+    def wrapper(*args, **kwargs) -> Figure:
+        with matplotlib.style.context(["default", STYLE]):
+            return draw(*args, **kwargs)
+
+    return wrapper
+
+
+def save_figure(figure: Figure, path: str | Path) -> None:
+    """Write a figure atomically as SVG or PNG (by the suffix); equal content gives equal bytes."""
+    path = Path(path)
+    kind = path.suffix.lstrip(".").lower()
+    if kind not in ("svg", "png"):
+        raise ValueError(f"{path}: figures are .svg or .png")
+    metadata = {"Date": None, "Creator": None} if kind == "svg" else {"Software": None}
+    with matplotlib.style.context(["default", STYLE]), atomic_path(path) as part:
+        figure.savefig(part, format=kind, metadata=metadata)
+
+
+@_styled
+def note_figure(text: str) -> Figure:
+    """A sentence where a picture would stand, for what a plan did not call for or a run did not compute."""
+    figure = Figure(figsize=(WIDTH, 1.0))
+    figure.text(0.5, 0.5, text, ha="center", va="center", wrap=True, style="italic", color="#333333")
+    return figure
+
+
+# ---- the section
+
+
+def phase_colours(phase: np.ndarray) -> np.ndarray:
+    """Colours (…, 3) of a phase image: pores white, minerals in their colours, virtual spheres yellow."""
+    table = np.ones((256, 3))
+    table[0] = to_rgb(PORE)
+    table[1:] = [to_rgb(MINERALS[i % len(MINERALS)]) for i in range(255)]
+    table[VIRTUAL_LABEL] = to_rgb(VIRTUAL)
+    return table[phase]
+
+
+@_styled
+def section_figure(
+    phase: np.ndarray,
+    pixel_size_um: float,
+    phases: Sequence[str] = (),
+    labels: np.ndarray | None = None,
+    pores: pd.DataFrame | None = None,
+    grains: pd.DataFrame | None = None,
+    grey: np.ndarray | None = None,
+) -> Figure:
+    """The section, and a window of it with grain outlines and inscribed pore circles.
+
+    Parameters
+    ----------
+    phase : ndarray of uint8, (y, x)
+    pixel_size_um : float
+    phases : sequence of str
+        Names; index 0 is the pore.
+    labels : ndarray of int32, (y, x), optional
+        Grains; 0 none.
+    pores, grains : DataFrame, optional
+        pores2d.csv and grains2d.csv; grains cut by the border are outlined with dots.
+    grey : ndarray, (y, x), optional
+        The greyscale input, shown instead of the phases on the left.
+    """
+    height, width = (n * pixel_size_um for n in phase.shape)
+    aspect = float(np.clip(phase.shape[0] / phase.shape[1], 0.4, 1.6))
+    figure = Figure(figsize=(WIDTH, WIDTH / 2 * aspect + 0.75))
+    left, right = figure.subplots(1, 2)
+    extent = (0, width, height, 0)
+    colours = phase_colours(phase)
+    if grey is not None:
+        left.imshow(grey, cmap="gray", extent=extent)
+    else:
+        left.imshow(colours, extent=extent)
+    left.set_title("The section")
+    right.imshow(0.45 * colours + 0.55, extent=extent)
+    right.set_title("Grains and inscribed pore circles")
+
+    handles = [
+        Patch(facecolor=MINERALS[(i - 1) % len(MINERALS)], edgecolor="black", lw=0.5, label=name)
+        for i, name in enumerate(phases) if i
+    ]  # fmt: skip
+    if labels is not None:
+        cut = set() if grains is None else set(grains.loc[grains["border"].astype(bool), "grain"])
+        whole, crossing = [], []
+        for region in regionprops(labels):
+            for line in _outline(region, pixel_size_um):
+                (crossing if region.label in cut else whole).append(line)
+        right.add_collection(LineCollection(whole, colors="black", linewidths=0.8))
+        right.add_collection(
+            LineCollection(crossing, colors="black", linewidths=0.8, linestyles=(0, (1, 1.5)))
+        )
+    if pores is not None and len(pores):
+        size = 2 * pores["r_um"].to_numpy()
+        right.add_collection(
+            EllipseCollection(
+                size, size, np.zeros(len(size)), units="xy", offsets=pores[["x_um", "y_um"]].to_numpy(),
+                transOffset=right.transData, facecolors=to_rgba(PORE_CIRCLE, 0.55),
+                edgecolors="#7A2E58", linewidths=0.5,
+            )
+        )  # fmt: skip
+        handles.append(Patch(facecolor=to_rgba(PORE_CIRCLE, 0.55), edgecolor="#7A2E58", label="pore circle"))
+
+    # a window in which single outlines can be seen; the whole section where it holds few grains
+    span = max(height, width)
+    if grains is not None and len(grains):
+        span = min(span, 28 * float(grains["r_um"].mean()))
+    window_w, window_h = min(span, width), min(span * height / width, height)
+    x0, y0 = (width - window_w) / 2, (height - window_h) / 2
+    right.set(xlim=(x0, x0 + window_w), ylim=(y0 + window_h, y0))
+    if window_w < width:
+        frame = Rectangle((x0, y0), window_w, window_h, fill=False, edgecolor="black", lw=1.6)
+        left.add_patch(frame)
+        left.add_patch(
+            Rectangle((x0, y0), window_w, window_h, fill=False, edgecolor="white", lw=0.7, ls="--")
+        )
+    for axes in (left, right):
+        axes.set_xlabel("x (µm)")
+        axes.spines[:].set_visible(True)
+    left.set_ylabel("y (µm)")
+    figure.legend(handles=handles, loc="outside lower center", ncols=6)
+    return figure
+
+
+def _outline(region, pixel: float) -> list[np.ndarray]:
+    """Outlines of one labelled region as (n, 2) x, y in µm."""
+    corner = np.array(region.bbox[:2])
+    lines = find_contours(np.pad(region.image, 1).astype(float), 0.5)
+    simple = (approximate_polygon(line, 0.35) for line in lines)
+    return [((line + corner - 0.5) * pixel)[:, ::-1] for line in simple]
+
+
+# ---- sizes
+
+
+@_styled
+def sizes_figure(
+    sizes: pd.DataFrame,
+    phases: Sequence[str] = (),
+    truth: pd.DataFrame | None = None,
+    twin_grains: pd.DataFrame | None = None,
+    twin_pores: pd.DataFrame | None = None,
+    bodies: pd.DataFrame | None = None,
+) -> Figure:
+    """2D sizes on slices above, unfolded 3D sizes below; a column for each mineral and the pore circles.
+
+    Parameters
+    ----------
+    sizes : DataFrame
+        sizes.csv: phase, kind, r_lo_um, r_hi_um, f2d, f3d, lower, upper (densities per µm).
+    phases : sequence of str
+    truth : DataFrame, optional
+        True 3D radii: phase, r_um.
+    twin_grains, twin_pores : DataFrame, optional
+        Measured on slices of the twin, with weights.
+    bodies : DataFrame, optional
+        bodies.csv of the twin; grain radii are its ``scale``.
+    """
+    groups = [(k, g) for k, g in sizes.groupby(["kind", "phase"], sort=True)]
+    columns = max(1, len(groups))
+    figure = Figure(figsize=(max(WIDTH, 2.6 * columns), 4.9))
+    rows = figure.subplots(2, columns, squeeze=False, sharex="col")
+    for column, ((kind, phase), table) in enumerate(groups):
+        phase = int(phase)
+        pore = kind == "pore"
+        colour = PORE_CIRCLE if pore else MINERALS[(phase - 1) % len(MINERALS)]
+        edges = np.append(table["r_lo_um"].to_numpy(), table["r_hi_um"].iloc[-1])
+        top, bottom = rows[0, column], rows[1, column]
+        name = "pore circles" if pore else (phases[phase] if phase < len(phases) else f"mineral {phase}")
+        top.set_title(name)
+
+        top.stairs(table["f2d"], edges, fill=True, color=to_rgba(colour, 0.45))
+        top.stairs(table["f2d"], edges, color=SECTION, lw=1.0, label="section")
+        seen = twin_pores if pore else twin_grains
+        if seen is not None:
+            seen = seen[seen["weight"] > 0]
+            if not pore:
+                seen = seen[seen["phase"] == phase]
+            _density(top, seen["r_um"], seen["weight"], edges, TWIN, "-", "twin, slices")
+
+        bottom.stairs(
+            table["upper"], edges, baseline=table["lower"], fill=True, color=to_rgba(colour, 0.35),
+            label="bootstrap band",
+        )  # fmt: skip
+        bottom.stairs(table["f3d"], edges, color=SECTION, lw=1.4, label="unfolded from the section")
+        if truth is not None and not pore:
+            of_phase = truth.loc[truth["phase"] == phase, "r_um"]
+            _density(bottom, of_phase, None, edges, TRUTH, (0, (4, 1.5)), "truth")
+        if bodies is not None and not pore:
+            of_phase = bodies[(bodies["kind"] == "grain") & (bodies["phase"] == phase)]
+            _density(bottom, of_phase["scale"], None, edges, TWIN, "-", "twin, bodies")
+        bottom.set_xlabel("radius (µm)")
+        for axes in (top, bottom):
+            axes.set_ylim(bottom=0)
+            axes.set_xlim(left=0)
+    rows[0, 0].set_ylabel("2D: density on slices (1/µm)")
+    rows[1, 0].set_ylabel("3D: density (1/µm)")
+    for row in rows:
+        row[0].legend(loc="upper right")
+        handles = {h: t for axes in row for h, t in zip(*axes.get_legend_handles_labels(), strict=True)}
+        unique = {t: h for h, t in reversed(handles.items())}
+        row[0].get_legend().remove()
+        row[-1].legend(list(reversed(unique.values())), list(reversed(unique)), loc="upper right")
+    return figure
+
+
+def _density(axes, radii, weights, edges, colour, style, label) -> None:
+    """Number density per µm of a sample on given bins; what lies outside them counts in the norm."""
+    radii = np.asarray(radii, float)
+    if len(radii) == 0:
+        return
+    weights = np.ones(len(radii)) if weights is None else np.asarray(weights, float)
+    counts, _ = np.histogram(radii, edges, weights=weights)
+    axes.stairs(counts / weights.sum() / np.diff(edges), edges, color=colour, ls=style, lw=1.5, label=label)
+
+
+# ---- grains
+
+
+@_styled
+def gallery_figure(grains: Sequence[Mapping], phases: Sequence[str] = ()) -> Figure:
+    """3D grains, each beside the three masks it was made from.
+
+    Parameters
+    ----------
+    grains : sequence of mapping
+        ``vertices`` (n, 3), ``faces`` (m, 3), ``phase``, ``masks`` (three bool arrays: xy, xz, yz), optional
+        ``words`` (a short caption).
+    """
+    per_row = 2
+    rows = -(-len(grains) // per_row)
+    figure = Figure(figsize=(WIDTH, 1.62 * rows + 0.35))
+    grid = figure.add_gridspec(rows, 4 * per_row, width_ratios=[1.9, 1, 1, 1] * per_row)
+    for k, grain in enumerate(grains):
+        row, first = k // per_row, 4 * (k % per_row)
+        colour = MINERALS[(int(grain["phase"]) - 1) % len(MINERALS)]
+        axes = figure.add_subplot(grid[row, first], projection="3d")
+        draw_mesh(axes, grain["vertices"], grain["faces"], colour)
+        if grain.get("words"):
+            axes.set_title(grain["words"], fontsize=7, fontweight="normal", pad=0, loc="center")
+        for j, (mask, plane) in enumerate(zip(grain["masks"], ("xy", "xz", "yz"), strict=True)):
+            axes = figure.add_subplot(grid[row, first + 1 + j])
+            side = max(mask.shape)
+            gap = [((side - n) // 2, side - n - (side - n) // 2) for n in mask.shape]
+            square = np.pad(mask, gap)
+            axes.imshow(np.where(square[..., None], to_rgb(colour), 1.0))
+            axes.contour(square, [0.5], colors="black", linewidths=0.6)
+            axes.set(xticks=[], yticks=[])
+            axes.spines[:].set_visible(True)
+            axes.spines[:].set_color("#BBBBBB")
+            if row == 0:
+                axes.set_title(plane, fontsize=8, fontweight="normal", loc="center")
+    return figure
+
+
+def draw_mesh(axes, vertices: np.ndarray, faces: np.ndarray, colour: str) -> None:
+    """A shaded triangle mesh in a 3D axes, equal scales, no frame."""
+    light = LightSource(azdeg=300, altdeg=50)
+    mesh = Poly3DCollection(
+        vertices[faces],
+        facecolors=colour,
+        edgecolors="none",
+        shade=True,
+        lightsource=light,
+        antialiaseds=False,
+    )
+    mesh.set_rasterized(True)
+    axes.add_collection3d(mesh)
+    centre, reach = vertices.mean(0), np.abs(vertices - vertices.mean(0)).max()
+    for set_limit, middle in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), centre, strict=True):
+        set_limit(middle - reach, middle + reach)
+    axes.set_box_aspect((1, 1, 1), zoom=1.55)
+    axes.set_axis_off()
+
+
+# ---- packing
+
+
+@_styled
+def packings_figure(
+    first: np.ndarray | None,
+    second: np.ndarray | None,
+    twin: np.ndarray,
+    voxel_size_um: float,
+    phases: Sequence[str] = (),
+    porosities: Sequence[float | None] = (None, None, None),
+) -> Figure:
+    """One vertical slice through the first packing, the second with its virtual spheres, and the twin.
+
+    Parameters
+    ----------
+    first, second, twin : ndarray of uint8, (z, y, x) or None
+        Phase volumes; virtual spheres carry the label 255.
+    voxel_size_um : float
+    phases : sequence of str
+    porosities : three floats or None
+        Shown over the panels.
+    """
+    titles = ("First packing", "Second packing", "Twin")
+    panels = [
+        (t, v, p) for t, v, p in zip(titles, (first, second, twin), porosities, strict=True) if v is not None
+    ]
+    ratio = twin.shape[0] / twin.shape[2]
+    figure = Figure(figsize=(WIDTH, WIDTH / 3 * ratio + 0.95))
+    for axes, (title, volume, porosity) in zip(
+        figure.subplots(1, len(panels), squeeze=False, sharey=True)[0], panels, strict=True
+    ):
+        image = volume[:, volume.shape[1] // 2, :]
+        height, width = (n * voxel_size_um for n in image.shape)
+        axes.imshow(phase_colours(image), origin="lower", extent=(0, width, 0, height))
+        if (image == VIRTUAL_LABEL).any():
+            # an outline besides the colour: yellow on white vanishes in greyscale
+            axes.contour(
+                (image == VIRTUAL_LABEL).astype(float), [0.5], colors="black", linewidths=0.6,
+                extent=(0, width, 0, height),
+            )  # fmt: skip
+        note = "" if porosity is None else f"\nporosity {number(porosity)}"
+        axes.set_title(title + note, fontsize=9)
+        axes.set_xlabel("x (µm)")
+        axes.spines[:].set_visible(True)
+        if axes.get_subplotspec().is_first_col():
+            axes.set_ylabel("z, up (µm)")
+    handles = [
+        Patch(facecolor=MINERALS[(i - 1) % len(MINERALS)], edgecolor="black", lw=0.5, label=name)
+        for i, name in enumerate(phases) if i
+    ]  # fmt: skip
+    handles.append(Patch(facecolor=PORE, edgecolor="black", lw=0.5, label="pore"))
+    if second is not None and (second == VIRTUAL_LABEL).any():
+        handles.append(Patch(facecolor=VIRTUAL, edgecolor="black", lw=0.8, label="virtual sphere"))
+    figure.legend(handles=handles, loc="outside lower center", ncols=6)
+    return figure
+
+
+@_styled
+def block_figure(phase: np.ndarray, voxel_size_um: float, phases: Sequence[str] = ()) -> Figure:
+    """The twin as a block in isometric view: its top and two of its sides.
+
+    Parameters
+    ----------
+    phase : ndarray of uint8, (z, y, x)
+    voxel_size_um : float
+    """
+    nz, ny, nx = phase.shape
+    figure = Figure(figsize=(4.6, 4.9))
+    axes = figure.add_subplot()
+    cos, sin = np.cos(np.pi / 6), 0.5
+    # paper position of a voxel: x runs right and down, y right and up, z up
+    ex, ey, ez = np.array([cos, -sin]), np.array([cos, sin]), np.array([0.0, 1.0])
+    faces = (
+        (phase[-1], ex, ey, nz * ez, 1.0, (nx, ny)),  # top: columns x, rows y
+        (phase[:, 0], ex, ez, 0 * ez, 0.86, (nx, nz)),  # front: columns x, rows z
+        (phase[:, :, -1], ey, ez, nx * ex, 0.72, (ny, nz)),  # right: columns y, rows z
+    )
+    for image, across, up, corner, shade, (columns, rows) in faces:
+        affine = Affine2D(np.array([[across[0], up[0], corner[0]], [across[1], up[1], corner[1]], [0, 0, 1]]))
+        shown = axes.imshow(
+            phase_colours(image) * shade,
+            origin="lower",
+            extent=(0, columns, 0, rows),
+            interpolation="nearest",
+        )
+        shown.set_transform(affine + axes.transData)
+        outline = affine.transform([(0, 0), (columns, 0), (columns, rows), (0, rows), (0, 0)])
+        axes.plot(*outline.T, color="black", lw=1.0)
+    axes.set(xlim=(-2, (nx + ny) * cos + 2), ylim=(-nx * sin - 2, nz + ny * sin + 2), aspect="equal")
+    axes.set_axis_off()
+    size = " × ".join(number(n * voxel_size_um) for n in (nx, ny, nz))
+    axes.set_title(f"{size} µm (x × y × z)", fontsize=9, fontweight="normal", loc="center")
+    handles = [
+        Patch(facecolor=MINERALS[(i - 1) % len(MINERALS)], edgecolor="black", lw=0.5, label=name)
+        for i, name in enumerate(phases) if i
+    ]  # fmt: skip
+    figure.legend(handles=handles, loc="outside lower center", ncols=4)
+    return figure
+
+
+@_styled
+def virtual_figure(table: pd.DataFrame, p_sp: float | None = None) -> Figure:
+    """Sizes behind the virtual spheres: target and first packing, their difference, and what was used.
+
+    Parameters
+    ----------
+    table : DataFrame
+        virtual_spheres.csv: r_lo_um, r_hi_um, target, first, difference, used (densities per µm).
+    p_sp : float, optional
+        Share of virtual spheres among the bodies poured.
+    """
+    edges = np.append(table["r_lo_um"].to_numpy(), table["r_hi_um"].iloc[-1])
+    figure = Figure(figsize=(WIDTH, 2.9))
+    left, right = figure.subplots(1, 2, sharex=True)
+    left.stairs(table["first"], edges, fill=True, color=to_rgba(FIRST, 0.5))
+    left.stairs(table["first"], edges, color="#1F6A99", ls=(0, (4, 1.5)), label="first packing")
+    left.stairs(table["target"], edges, color=SECTION, label="target, from the section")
+    left.set_title("Pore circles, unfolded")
+    right.axhline(0, color="black", lw=0.6)
+    right.stairs(table["used"], edges, fill=True, color=VIRTUAL)
+    right.stairs(table["used"], edges, color="#6B6300", lw=1.2, label="used for virtual spheres")
+    right.stairs(
+        table["difference"],
+        edges,
+        color=SECTION,
+        ls=(0, (1, 1.2)),
+        lw=1.3,
+        label="difference: target − first",
+    )
+    right.set_title("Virtual spheres" + ("" if p_sp is None else f" (share of bodies {number(p_sp)})"))
+    for axes in (left, right):
+        axes.set_xlabel("radius (µm)")
+        axes.legend()
+    left.set_ylim(bottom=0)
+    left.set_ylabel("density (1/µm)")
+    return figure
+
+
+# ---- correlation
+
+
+@_styled
+def s2_figure(
+    slices: pd.DataFrame | None = None,
+    envelope: pd.DataFrame | None = None,
+    envelope_result: Mapping | None = None,
+    reference: pd.DataFrame | None = None,
+) -> Figure:
+    """S₂ of the solid: the cloud of slices with the section's curve, and the global envelope.
+
+    Parameters
+    ----------
+    slices : DataFrame, optional
+        s2_slices.csv: slice, axis, lag_um, s2.
+    envelope : DataFrame, optional
+        s2_envelope.csv: lag_um, observed, lower, upper, mean.
+    envelope_result : mapping, optional
+        s2_envelope.json: p, n_slices.
+    reference : DataFrame, optional
+        reference_s2.csv: axis, lag_um, s2.
+    """
+    figure = Figure(figsize=(WIDTH, 3.1))
+    left, right = figure.subplots(1, 2, sharey=True)
+    last = np.inf if envelope is None else float(envelope["lag_um"].max())
+    if slices is not None:
+        curves = [g[["lag_um", "s2"]].to_numpy() for _, g in slices.groupby(["axis", "slice"])]
+        last = min(last, float(slices["lag_um"].max()))
+        left.add_collection(LineCollection(curves, colors=to_rgba(TWIN, 0.35), linewidths=0.8))
+        left.plot([], [], color=TWIN, alpha=0.6, lw=0.8, label=f"twin, {len(curves)} slices")
+        mean = slices.groupby("lag_um")["s2"].mean()
+        left.plot(mean.index, mean, color=TWIN, lw=1.8, label="twin, mean")
+    if reference is not None:
+        mean = reference.groupby("lag_um")["s2"].mean()
+        left.plot(mean.index, mean, color=TRUTH, ls=(0, (4, 1.5)), lw=1.8, label="reference volume")
+    if envelope is not None:
+        left.plot(envelope["lag_um"], envelope["observed"], color=SECTION, lw=1.3, label="section")
+        n = (envelope_result or {}).get("n_slices")
+        right.fill_between(
+            envelope["lag_um"], envelope["lower"], envelope["upper"], color=to_rgba(TWIN, 0.3), lw=0,
+            label="global 95 % envelope" + (f", {n} slices" if n else ""),
+        )  # fmt: skip
+        right.plot(envelope["lag_um"], envelope["mean"], color=TWIN, lw=1.0, label="mean of the slices")
+        right.plot(envelope["lag_um"], envelope["observed"], color=SECTION, lw=1.3, label="section")
+        p = (envelope_result or {}).get("p")
+        right.set_title("Global envelope" + ("" if p is None else f": p = {number(p, 2)}"))
+        right.legend()
+    else:
+        right.text(
+            0.5, 0.5, "envelope test not computed", ha="center", transform=right.transAxes, style="italic"
+        )
+    left.set_title("Cloud of slices")
+    left.legend()
+    left.set_ylabel("S₂ of the solid (probability)")
+    for axes in (left, right):
+        axes.set_xlabel("lag (µm)")
+        if np.isfinite(last):
+            axes.set_xlim(0, last)
+    left.autoscale_view(scalex=False)
+    return figure
+
+
+# ---- network and flow
+
+
+@_styled
+def network_figure(
+    sizes: Mapping[str, np.ndarray], reference: Mapping[str, np.ndarray] | None = None
+) -> Figure:
+    """Size distributions of the pore network: twin against reference.
+
+    Parameters
+    ----------
+    sizes, reference : mapping
+        ``pore_radius_um``, ``throat_radius_um``, ``coordination`` as
+        :func:`grainfall.network.element_sizes` gives them.
+    """
+    figure = Figure(figsize=(WIDTH, 2.7))
+    panels = (
+        ("pore_radius_um", "Pores", "radius (µm)", "density (1/µm)"),
+        ("throat_radius_um", "Throats", "radius (µm)", "density (1/µm)"),
+        ("coordination", "Coordination", "throats per pore", "share of pores"),
+    )
+    for axes, (kind, title, x_label, y_label) in zip(figure.subplots(1, 3), panels, strict=True):
+        samples = {"twin": np.asarray(sizes[kind], float)}
+        if reference is not None:
+            samples["reference"] = np.asarray(reference[kind], float)
+        pooled = np.concatenate(list(samples.values()))
+        axes.set_title(title)
+        axes.set_xlabel(x_label)
+        axes.set_ylabel(y_label)
+        if len(pooled) == 0:
+            axes.text(0.5, 0.5, "none", ha="center", transform=axes.transAxes, style="italic")
+            continue
+        # all of the sample on the axis but the last half per cent, which would squeeze the rest
+        if kind == "coordination":
+            edges = np.arange(-0.5, np.quantile(pooled, 0.995) + 1.5)
+        else:
+            edges = np.linspace(0, np.quantile(pooled, 0.995), 25)
+        for name, values in samples.items():
+            if len(values) == 0:
+                continue
+            density = np.histogram(values, edges)[0] / len(values) / np.diff(edges)
+            label = f"{name}, n = {number(len(values))}"
+            if name == "twin":
+                axes.stairs(density, edges, fill=True, color=to_rgba(TWIN, 0.35))
+                axes.stairs(density, edges, color=TWIN, label=label)
+            else:
+                axes.stairs(density, edges, color=TRUTH, ls=(0, (4, 1.5)), lw=1.8, label=label)
+        axes.set_ylim(bottom=0)
+        axes.margins(y=0.25)
+        axes.legend(loc="upper right")
+    return figure
+
+
+@_styled
+def comparison_figure(summary: pd.DataFrame, intervals: pd.DataFrame) -> Figure:
+    """Every ensemble's realizations, mean and 95 % t-interval, one panel a metric.
+
+    Parameters
+    ----------
+    summary : DataFrame
+        Rows of summary.csv of one sample.
+    intervals : DataFrame
+        From :func:`grainfall.report.tables.intervals` on the same rows, by variant and engine.
+    """
+    metrics = list(dict.fromkeys(intervals["metric"]))
+    columns = 3
+    rows = -(-len(metrics) // columns)
+    ensembles = list(dict.fromkeys(zip(intervals["variant"], intervals["engine"], strict=True)))
+    figure = Figure(figsize=(WIDTH, (0.85 + 0.34 * len(ensembles)) * rows + 0.2))
+    grid = figure.subplots(rows, columns, squeeze=False, sharey=True)
+    for axes, name in zip(grid.ravel(), metrics, strict=False):
+        for y, (variant, engine) in enumerate(ensembles):
+            of = (summary["variant"] == variant) & (summary["engine"] == engine)
+            values = pd.to_numeric(summary.loc[of, name], errors="coerce").dropna()
+            axes.plot(values, np.full(len(values), y + 0.18), "|", color="#555555", ms=6, mew=1)
+            row = intervals[
+                (intervals["metric"] == name)
+                & (intervals["variant"] == variant)
+                & (intervals["engine"] == engine)
+            ]
+            if len(row):
+                mean, lower, upper = row[["mean", "lower", "upper"]].iloc[0]
+                error = None if np.isnan(lower) else [[mean - lower], [upper - mean]]
+                axes.errorbar(mean, y - 0.1, xerr=error, fmt="o", color=TWIN, ms=4.5, capsize=3, lw=1.4)
+        goal = {"porosity": "porosity_target", "k_x_md": "k_ref_x_md", "k_y_md": "k_ref_y_md",
+                "k_z_md": "k_ref_z_md"}.get(name)  # fmt: skip
+        if goal in summary and summary[goal].notna().any():
+            axes.axvline(summary[goal].astype(float).mean(), color=TRUTH, ls=(0, (4, 1.5)), lw=1.4)
+        known = METRICS[name]
+        axes.set_xlabel(short_label(name) + ("" if known.unit == "1" else f" ({known.unit})"), fontsize=8)
+        axes.set_yticks(range(len(ensembles)), [f"{v} ({e})" for v, e in ensembles])
+        axes.set_ylim(len(ensembles) - 0.5, -0.6)
+        axes.margins(x=0.15)
+        axes.locator_params(axis="x", nbins=4)
+    for axes in grid.ravel()[len(metrics) :]:
+        axes.set_axis_off()
+    return figure
+
+
+def short_label(name: str) -> str:
+    """A metric's label for an axis."""
+    return {
+        "porosity": "porosity", "s2_inside_envelope": "S₂: lags inside the cloud", "s2_envelope_p": "S₂: p",
+        "w1_grains_um": "W₁ of grain radii", "w1_pores_um": "W₁ of pore circles", "k_x_md": "K along x",
+        "k_y_md": "K along y", "k_z_md": "K along z", "max_overlap": "largest overlap", "wall_s": "wall time",
+        "coordination": "contacts per grain", "porosity_first": "porosity, first packing",
+    }.get(name, name.replace("_", " "))  # fmt: skip

@@ -1,0 +1,667 @@
+"""The validation report: one HTML file that opens offline, and its figures as files of their own."""
+
+from __future__ import annotations
+
+import base64
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import NamedTuple
+
+import jinja2
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from scipy import ndimage
+
+from grainfall import __version__, io, network
+from grainfall.report import figures, tables, view3d
+
+COMPARED = (
+    "porosity", "porosity_first", "s2_inside_envelope", "k_x_md", "k_y_md", "k_z_md", "w1_grains_um",
+    "w1_pores_um", "coordination", "rattlers", "max_overlap", "wall_s",
+)  # fmt: skip
+"""Columns of summary.csv that ensembles are compared by."""
+GALLERY = 8
+"""Grains shown with their masks."""
+
+
+class Results:
+    """Files of one sample and one of its twins; what is not there reads as ``None``.
+
+    Parameters
+    ----------
+    root : path
+        The results folder.
+    sample : str
+    variant : str, optional
+    realization : int, optional
+    """
+
+    def __init__(
+        self, root: str | Path, sample: str, variant: str | None = None, realization: int | None = None
+    ):
+        self.root, self.sample_name = Path(root), sample
+        self.variant_name, self.realization = variant, realization
+        self.sample = self.root / sample
+        self.variant = self.sample / variant if variant is not None else self.sample / "-"
+        self.twin = self.variant / str(realization) if realization is not None else self.sample / "-"
+
+    def path(self, name: str) -> Path:
+        """``sample:…``, ``variant:…`` or ``twin:…`` as a path."""
+        level, file = name.split(":", 1)
+        return getattr(self, level) / file
+
+    def table(self, name: str) -> pd.DataFrame | None:
+        """A CSV table; ``None`` where it is missing or has no columns."""
+        try:
+            return io.read_table(self.path(name))
+        except (FileNotFoundError, pd.errors.EmptyDataError):
+            return None
+
+    def json(self, name: str) -> dict | None:
+        """A JSON object."""
+        path = self.path(name)
+        return io.read_json(path) if path.exists() else None
+
+    def volume(self, name: str, array: str | None = None) -> np.ndarray | None:
+        """An array of a volume file; ``None`` where the file or the array is missing."""
+        found = self.attributes(name)
+        if found is None or (array is not None and array not in found[1]):
+            return None
+        return io.read_volume(self.path(name), array)[0]
+
+    def attributes(self, name: str) -> tuple[dict, set[str]] | None:
+        """Group attributes of a volume file and the names of its arrays."""
+        import zarr
+
+        if not self.path(name).exists():
+            return None
+        with zarr.storage.ZipStore(self.path(name), mode="r") as store:
+            group = zarr.open_group(store, mode="r")
+            return dict(group.attrs), set(group.array_keys())
+
+    @cached_property
+    def phases(self) -> list[str]:
+        """Names of the phases, index 0 the pore."""
+        for source in (self.json("sample:section.json"), *(a[0] for a in [self._section] if a)):
+            if source and source.get("phases"):
+                return [str(p) for p in source["phases"]]
+        return ["pore"]
+
+    @cached_property
+    def _section(self) -> tuple[dict, set[str]] | None:
+        return self.attributes("sample:section.zarr.zip")
+
+    @property
+    def pixel_size_um(self) -> float:
+        """Pixel size of the section."""
+        return float(self._section[0]["voxel_size_um"])
+
+    @cached_property
+    def section_phase(self) -> np.ndarray | None:
+        """Phases of the section as the chain used them: after the grains were given minerals by rules."""
+        labelled = self.volume("sample:labels.zarr.zip", "phase")
+        return labelled if labelled is not None else self.volume("sample:section.zarr.zip", "phase")
+
+
+class Text(NamedTuple):
+    """What a figure says: title, category, caption, alternative text, and what to say without it."""
+
+    title: str
+    category: str
+    caption: str
+    alt: str
+    absent: str
+
+
+TEXTS = {
+    "section": Text(
+        "The section",
+        "Section",
+        "The input, and a window of it: every grain outlined (dotted where the image border cuts it: such "
+        "grains leave the size statistics) and the largest circle inscribed in every pore.",
+        "Left: the whole section, minerals in colours. Right: a window with grain outlines and pore circles.",
+        "The section is not there yet.",
+    ),
+    "sizes": Text(
+        "Sizes in 2D and in 3D",
+        "Sizes",
+        "Above: radii seen on the section, and on slices of the twin. Below: radii unfolded to 3D with the "
+        "bootstrap band, the twin's own grains, and the truth where it is known. Number densities; every "
+        "histogram integrates to 1.",
+        "Histograms of grain radii by mineral and of pore-circle radii, on slices above and in 3D below.",
+        "No sizes have been unfolded yet.",
+    ),
+    "gallery": Text(
+        "Grains and their masks",
+        "Grains",
+        "Some of the 3D grains, each beside the three grain sections it was made from, as measured. They "
+        "become its central sections, xy lying, xz and yz standing, once turned and stretched to meet.",
+        "A gallery of shaded 3D grains, each with three outlines of measured grain sections.",
+        "The grain library is not there yet.",
+    ),
+    "packings": Text(
+        "The two packings and the twin",
+        "Packing",
+        "The same vertical slice after the first packing (grains only), after the second (grains and virtual "
+        "spheres), and of the finished twin, spheres removed. Gravity points down.",
+        "Three vertical slices: first packing, second packing with virtual spheres, and the twin.",
+        "The twin is not there yet.",
+    ),
+    "virtual": Text(
+        "Virtual spheres",
+        "Packing",
+        "Left: pore-circle radii unfolded to 3D, of the section and of the first packing. Right: their "
+        "difference, and the part of it that was used as sizes of virtual spheres.",
+        "Histograms of pore-circle radii: target and first packing, their difference, and the sizes used.",
+        "No virtual spheres were called for: the first packing is porous enough.",
+    ),
+    "s2": Text(
+        "Two-point correlation",
+        "Correlation",
+        "Probability that two points a lag apart both lie in the solid. Left: slices of the twin and the "
+        "section. Right: global envelope of slices from all realizations, in windows of the section's size; "
+        "the test asks whether the section could be one of them.",
+        "S2 curves of slices of the twin with the section's curve, and the global envelope around it.",
+        "S₂ has not been computed yet.",
+    ),
+    "network": Text(
+        "Pore network",
+        "Network",
+        "Radii of pores and throats and throats per pore, twin against reference where there is one.",
+        "Histograms of pore radii, throat radii and coordination of the pore network.",
+        "The pore network has not been extracted, or has no pores.",
+    ),
+    "block": Text(
+        "The twin",
+        "Twin",
+        "The finished twin as a block: its top and two of its sides.",
+        "Isometric view of the twin's block, grains coloured by mineral, pores white.",
+        "The twin is not there yet.",
+    ),
+}
+"""The words of every figure, in the report and in captions elsewhere."""
+
+
+@dataclass(frozen=True)
+class FigureFile:
+    """A figure of the report: what it says, what it needs, how it is drawn."""
+
+    name: str
+    title: str
+    category: str
+    caption: str
+    alt: str
+    absent: str
+    """What to say where there is nothing to draw."""
+    needs: tuple[Path, ...]
+    """Files without which there is nothing to draw."""
+    uses: tuple[Path, ...]
+    """Further files that it draws where they exist."""
+    make: Callable[[], Figure | None]
+
+    def draw(self) -> Figure | None:
+        """The figure, or ``None`` where there is nothing to draw."""
+        return self.make() if all(p.exists() for p in self.needs) else None
+
+    def save(self, path: str | Path) -> None:
+        """Write the figure, or the sentence that stands for it."""
+        figures.save_figure(self.draw() or figures.note_figure(self.absent), path)
+
+
+def figure_files(
+    results_dir: str | Path, sample: str, variant: str | None = None, realization: int | None = None
+) -> dict[str, FigureFile]:
+    """Every figure of a sample and one of its twins, by name.
+
+    Parameters
+    ----------
+    results_dir : path
+    sample, variant, realization : str, str, int
+        With neither variant nor realization only the sample's own figures have their files.
+
+    Returns
+    -------
+    dict
+        Figure name to :class:`FigureFile`, in the order of the report. ``figure_files(...)[name].save(path)``
+        writes one as a file; ``needs`` and ``uses`` are its inputs.
+    """
+    r = Results(results_dir, sample, variant, realization)
+
+    def section() -> Figure:
+        return figures.section_figure(
+            r.section_phase,
+            r.pixel_size_um,
+            r.phases,
+            r.volume("sample:labels.zarr.zip", "grains"),
+            r.table("sample:pores2d.csv"),
+            r.table("sample:grains2d.csv"),
+            r.volume("sample:section.zarr.zip", "grey"),
+        )
+
+    def sizes() -> Figure | None:
+        table = r.table("sample:sizes.csv")
+        if table is None or table.empty:
+            return None
+        return figures.sizes_figure(
+            table,
+            r.phases,
+            r.table("sample:truth_sizes.csv"),
+            r.table("twin:grains2d.csv"),
+            r.table("twin:pores2d.csv"),
+            _inside(r),
+        )
+
+    def gallery() -> Figure | None:
+        chosen = _gallery(r)
+        return figures.gallery_figure(chosen, r.phases) if chosen else None
+
+    def block() -> Figure:
+        attributes, _ = r.attributes("twin:twin.zarr.zip")
+        return figures.block_figure(
+            r.volume("twin:twin.zarr.zip", "phase"), attributes["voxel_size_um"], r.phases
+        )
+
+    def packings() -> Figure:
+        attributes, _ = r.attributes("twin:twin.zarr.zip")
+        by_name = _values(r.table("twin:metrics.csv"))
+        return figures.packings_figure(
+            r.volume("twin:first/volume.zarr.zip", "phase"),
+            r.volume("twin:second/volume.zarr.zip", "phase"),
+            r.volume("twin:twin.zarr.zip", "phase"),
+            attributes["voxel_size_um"],
+            r.phases,
+            [by_name.get(k) for k in ("porosity_first", "porosity_second", "porosity")],
+        )
+
+    def virtual() -> Figure | None:
+        table = r.table("twin:virtual_spheres.csv")
+        if table is None or table.empty:
+            return None
+        return figures.virtual_figure(table, (r.json("twin:virtual_spheres.json") or {}).get("p_sp"))
+
+    def s2() -> Figure:
+        return figures.s2_figure(
+            r.table("twin:s2_slices.csv"),
+            r.table("variant:s2_envelope.csv"),
+            r.json("variant:s2_envelope.json"),
+            r.table("sample:reference_s2.csv"),
+        )
+
+    def pore_network() -> Figure | None:
+        twin = _network(r, "twin:network")
+        if twin is None or len(twin["pore.coords"]) == 0:
+            return None
+        reference = _network(r, "sample:reference_network")
+        sizes = (None if n is None else network.element_sizes(n) for n in (twin, reference))
+        return figures.network_figure(*sizes)
+
+    sources = {
+        "section": (
+            section,
+            ["sample:section.zarr.zip"],
+            ["sample:labels.zarr.zip", "sample:grains2d.csv", "sample:pores2d.csv", "sample:section.json"],
+        ),
+        "sizes": (
+            sizes,
+            ["sample:sizes.csv"],
+            ["sample:truth_sizes.csv", "sample:section.json", "twin:grains2d.csv", "twin:pores2d.csv",
+             "twin:bodies.csv", "twin:twin.zarr.zip"],
+        ),
+        "gallery": (
+            gallery,
+            ["sample:grains3d/library.csv", "sample:labels.zarr.zip"],
+            ["sample:grains3d/shapes.npz"],
+        ),
+        "packings": (
+            packings,
+            ["twin:twin.zarr.zip"],
+            ["twin:first/volume.zarr.zip", "twin:second/volume.zarr.zip", "twin:metrics.csv"],
+        ),
+        "virtual": (virtual, ["twin:virtual_spheres.csv"], ["twin:virtual_spheres.json"]),
+        "s2": (
+            s2,
+            ["twin:s2_slices.csv"],
+            ["variant:s2_envelope.csv", "variant:s2_envelope.json", "sample:reference_s2.csv"],
+        ),
+        "network": (
+            pore_network,
+            ["twin:network_pores.csv", "twin:network_throats.csv"],
+            ["sample:reference_network_pores.csv", "sample:reference_network_throats.csv"],
+        ),
+        "block": (block, ["twin:twin.zarr.zip"], ["sample:section.json"]),
+    }  # fmt: skip
+    return {
+        name: FigureFile(name, *TEXTS[name], tuple(map(r.path, needs)), tuple(map(r.path, uses)), make)
+        for name, (make, needs, uses) in sources.items()
+    }
+
+
+def build_report(
+    results_dir: str | Path,
+    samples: Sequence[str],
+    out: str | Path,
+    title: str = "Digital twins of a granular rock",
+    variants: Sequence[str] | None = None,
+    realizations: Sequence[int] | None = None,
+) -> None:
+    """Write the whole report as one HTML file that needs nothing else.
+
+    Parameters
+    ----------
+    results_dir : path
+        The results folder (results/README.md lists its files). What is missing is said to be missing.
+    samples : sequence of str
+    out : path
+        Target, written atomically.
+    title : str
+    variants, realizations : sequences, optional
+        Which twins; every folder that holds a ``metrics.csv`` if omitted. Pictures show the first
+        realization of the first variant, tables show all.
+    """
+    import plotly.offline
+
+    root = Path(results_dir)
+    summary_path = root / "summary.csv"
+    summary = io.read_table(summary_path) if summary_path.exists() else None
+    parts = [_sample_part(root, name, n, summary, variants, realizations) for n, name in enumerate(samples)]
+    loader = jinja2.Environment(
+        loader=jinja2.PackageLoader("grainfall.report"), autoescape=True, trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )  # fmt: skip
+    loader.filters["number"] = tables.number
+    page = loader.get_template("report.html.j2").render(
+        title=title,
+        version=__version__,
+        samples=parts,
+        plotly=plotly.offline.get_plotlyjs() if any(p["view"] for p in parts) else None,
+    )
+    io.write_text(out, page)
+
+
+# ---- parts of the page
+
+
+def _sample_part(root: Path, name: str, index: int, summary, variants, realizations) -> dict:
+    """Everything the template shows of one sample."""
+    twins = _twins(root / name, variants, realizations)
+    first = twins[0] if twins else (None, None)
+    r = Results(root, name, *first)
+    files = figure_files(root, name, *first)
+    shown = {
+        key: {
+            "title": f.title, "caption": f.caption, "alt": f.alt, "absent": f.absent,
+            "image": _data_uri(f.draw()),
+        }
+        for key, f in files.items()
+    }  # fmt: skip
+    judged = []
+    for variant, realization in twins:
+        metrics = Results(root, name, variant, realization).table("twin:metrics.csv")
+        judgements = tables.judge(metrics) if metrics is not None else []
+        judged.append(
+            {"variant": variant, "realization": realization, "judgements": judgements,
+             "verdict": tables.verdict(judgements),
+             "missed": [j for j in judgements if j.status == "missed"]}
+        )  # fmt: skip
+    own = None if summary is None else summary[summary["sample"] == name]
+    if own is not None and twins:
+        keys = set(twins)
+        own = own[[k in keys for k in zip(own["variant"].astype(str), own["realization"], strict=True)]]
+    return {
+        "name": name,
+        "anchor": f"sample-{index}",
+        "facts": _facts(r),
+        "judged": judged,
+        "figures": shown,
+        "first": {"variant": first[0], "realization": first[1]},
+        "all_metrics": _all_metrics(judged),
+        "permeability": _permeability(root, name, twins),
+        "plans": _plans(root, name, twins),
+        "packing": _packing_facts(r),
+        "costs": _costs(r, twins).to_dict("records"),
+        "comparison": _comparison(own),
+        "view": _view(r),
+    }
+
+
+def _twins(folder: Path, variants, realizations) -> list[tuple[str, int]]:
+    """Variants and realizations to report, in the order asked for or the order of their names."""
+    names = variants if variants is not None else sorted(p.name for p in folder.glob("*") if p.is_dir())
+    found = []
+    for variant in names:
+        numbers = realizations
+        if numbers is None:
+            numbers = sorted(
+                int(p.parent.name)
+                for p in (folder / variant).glob("*/metrics.csv")
+                if p.parent.name.isdigit()
+            )
+        found += [(str(variant), int(n)) for n in numbers if (folder / str(variant) / str(n)).is_dir()]
+    return found
+
+
+def _facts(r: Results) -> list[tuple[str, str]]:
+    """What the sample is, as term and description."""
+    about = r.json("sample:section.json") or {}
+    facts = []
+    phase = r.section_phase
+    if phase is not None:
+        height, width = phase.shape
+        pixel = r.pixel_size_um
+        size = f"{tables.number(width * pixel)} × {tables.number(height * pixel)} µm"
+        facts.append(("Section", f"{width} × {height} pixels of {tables.number(pixel)} µm: {size}"))
+        facts.append(("Porosity of the section", tables.number(about.get("porosity", (phase == 0).mean()))))
+        counts = np.bincount(phase.ravel(), minlength=len(r.phases))
+        shares = [
+            f"{p} {counts[i] / max(counts[1:].sum(), 1):.1%}"
+            for i, p in enumerate(r.phases)
+            if i and i < len(counts)
+        ]
+        facts.append(("Minerals, shares of the solid", ", ".join(shares)))
+    if about.get("n_grains") is not None:
+        facts.append(("Grains in the section", tables.number(about["n_grains"])))
+    for key, value in (about.get("notes") or {}).items():
+        facts.append((_words(key), _plain(value)))
+    scene = r.json("variant:scene.json") or {}
+    twin = r.attributes("twin:twin.zarr.zip")
+    if twin:
+        shape = r.volume("twin:twin.zarr.zip", "phase").shape
+        voxel = float(twin[0]["voxel_size_um"])
+        facts.append(
+            ("Twin", f"{shape[2]} × {shape[1]} × {shape[0]} voxels (x, y, z) of {tables.number(voxel)} µm")
+        )
+        if twin[0].get("seed") is not None:
+            facts.append(("Seed", str(twin[0]["seed"])))
+    if scene.get("porosity_target") is not None:
+        facts.append(("Porosity asked for", tables.number(scene["porosity_target"])))
+    reference = r.attributes("sample:reference.zarr.zip")
+    facts.append(("3D reference", "yes" if reference else "none: the section alone judges the twin"))
+    return facts
+
+
+def _all_metrics(judged: list[dict]) -> dict:
+    """Every metric of every twin: one row a metric, one column a twin."""
+    labels: dict[str, tuple[str, str]] = {}
+    for twin in judged:
+        for j in twin["judgements"]:
+            labels.setdefault(j.metric, (j.label, j.unit))
+    by_twin = [{j.metric: j for j in twin["judgements"]} for twin in judged]
+    return {
+        "heads": [f"{t['variant']} {t['realization']}" for t in judged],
+        "rows": [
+            {"metric": m, "label": label, "unit": unit, "cells": [twin.get(m) for twin in by_twin]}
+            for m, (label, unit) in labels.items()
+        ],
+    }
+
+
+def _permeability(root: Path, name: str, twins) -> list[dict]:
+    """Rows of the permeability table: method, axis, twin, reference, change."""
+    rows = []
+    for variant, realization in twins:
+        r = Results(root, name, variant, realization)
+        flow, reference = r.table("twin:flow.csv"), r.table("sample:reference_flow.csv")
+        for row in () if flow is None else flow.itertuples():
+            k_ref = None
+            if reference is not None:
+                same = reference[(reference["method"] == row.method) & (reference["axis"] == row.axis)]
+                k_ref = float(same["k_md"].iloc[0]) if len(same) else None
+            change = f"{row.k_md / k_ref - 1:+.0%}" if k_ref and not pd.isna(row.k_md) else ""
+            rows.append(
+                {"variant": variant, "realization": realization, "method": row.method, "axis": row.axis,
+                 "k_md": row.k_md, "k_ref_md": k_ref, "change": change,
+                 "formation_factor": getattr(row, "formation_factor", None)}
+            )  # fmt: skip
+    return rows
+
+
+def _plans(root: Path, name: str, twins) -> list[dict]:
+    """The plan of every twin; twins of a variant that agree but for the cost are told apart by a column."""
+    rows = []
+    for variant, realization in twins:
+        plan = Results(root, name, variant, realization).json("twin:plan.json") or {}
+        for effect, entry in plan.items():
+            if isinstance(entry, dict) and "on" in entry:
+                rows.append(
+                    {"variant": variant, "realization": realization, "effect": _words(effect),
+                     "on": bool(entry["on"]), "reason": str(entry.get("reason", "")),
+                     "cost_s": entry.get("cost_s")}
+                )  # fmt: skip
+    return rows
+
+
+def _packing_facts(r: Results) -> list[dict]:
+    """What each packing reported of itself, side by side."""
+    both = [_flat(r.json(f"twin:{stage}/packing.json") or {}) for stage in ("first", "second")]
+    return [{"name": _words(key), "cells": [b.get(key, "") for b in both]} for key in {**both[0], **both[1]}]
+
+
+def _flat(content: dict, prefix: str = "") -> dict[str, str]:
+    flat = {}
+    for key, value in content.items():
+        if isinstance(value, dict):
+            flat |= _flat(value, f"{prefix}{key} ")
+        elif not (isinstance(value, list) and len(value) > 6):
+            flat[f"{prefix}{key}"] = _plain(value)
+    return flat
+
+
+def _costs(r: Results, twins) -> pd.DataFrame:
+    """Seconds and memory per rule over the sample and its twins."""
+    folders = [
+        r.sample,
+        *dict.fromkeys(r.sample / v for v, _ in twins),
+        *(r.sample / v / str(n) for v, n in twins),
+    ]
+    return tables.read_costs(sorted(f for folder in folders for f in (folder / "benchmarks").glob("*.tsv")))
+
+
+def _comparison(summary: pd.DataFrame | None) -> dict | None:
+    """Ensembles side by side, where there is more than one twin."""
+    if summary is None or len(summary) < 2:
+        return None
+    intervals = tables.intervals(summary, COMPARED)
+    differences = tables.paired_differences(summary, COMPARED)
+    for table in (intervals, differences):
+        table["label"] = [figures.short_label(m) for m in table["metric"]]
+        table["unit"] = [
+            "" if tables.metric(m).unit == "1" else tables.metric(m).unit for m in table["metric"]
+        ]
+    return {
+        "intervals": intervals.to_dict("records"),
+        "differences": differences.to_dict("records"),
+        "image": _data_uri(figures.comparison_figure(summary, intervals)) if len(intervals) else None,
+    }
+
+
+def _view(r: Results) -> dict | None:
+    """Data of the 3D view."""
+    phase = r.volume("twin:twin.zarr.zip", "phase")
+    if phase is None or not phase.any():
+        return None
+    attributes, _ = r.attributes("twin:twin.zarr.zip")
+    return view3d.view_data(phase, float(attributes["voxel_size_um"]), r.phases, _network(r, "twin:network"))
+
+
+def _network(r: Results, stem: str) -> dict | None:
+    """A pore network, where both of its tables are there."""
+    pores, throats = r.path(f"{stem}_pores.csv"), r.path(f"{stem}_throats.csv")
+    return network.load(pores, throats) if pores.exists() and throats.exists() else None
+
+
+def _gallery(r: Results, count: int = GALLERY) -> list[dict]:
+    """Grains spread evenly over the library's minerals and sizes, each with the masks it was made from."""
+    from grainfall.grains import Library
+
+    library = Library.load(r.path("sample:grains3d"))
+    labels = r.volume("sample:labels.zarr.zip", "grains")
+    if labels is None:
+        return []
+    boxes = ndimage.find_objects(labels)
+    minerals = sorted(library.table["phase"].unique())
+    chosen = []
+    for mineral in minerals:
+        shapes = library.table[library.table["phase"] == mineral].sort_values(["r2d_um", "shape"])
+        share = min(len(shapes), -(-count // len(minerals)))
+        for position in np.linspace(0, len(shapes) - 1, share).round().astype(int):
+            row = shapes.iloc[position]
+            masks = [int(row[f"mask_{plane}"]) for plane in ("xy", "xz", "yz")]
+            vertices, faces = library.mesh(int(row["shape"]))
+            chosen.append(
+                {
+                    "vertices": vertices,
+                    "faces": faces,
+                    "phase": int(mineral),
+                    "masks": [labels[boxes[m - 1]] == m for m in masks],
+                    "words": f"r = {tables.number(row['r2d_um'])} µm",
+                }
+            )
+    return chosen
+
+
+def _inside(r: Results) -> pd.DataFrame | None:
+    """Bodies whose centre lies inside the twin's volume: those outside belong to the margin."""
+    bodies, twin = r.table("twin:bodies.csv"), r.attributes("twin:twin.zarr.zip")
+    if bodies is None or twin is None:
+        return bodies
+    shape = r.volume("twin:twin.zarr.zip", "phase").shape
+    reach = np.array(shape[::-1]) * float(twin[0]["voxel_size_um"])
+    centre = bodies[["x", "y", "z"]].to_numpy()
+    return bodies[((centre >= 0) & (centre < reach)).all(1)]
+
+
+# ---- helpers
+
+
+def _data_uri(figure: Figure | None) -> str | None:
+    if figure is None:
+        return None
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "figure.svg"
+        figures.save_figure(figure, path)
+        return "data:image/svg+xml;base64," + base64.b64encode(path.read_bytes()).decode()
+
+
+def _values(metrics: pd.DataFrame | None) -> dict[str, float]:
+    return {} if metrics is None else dict(zip(metrics["metric"], metrics["value"], strict=True))
+
+
+def _words(key: str) -> str:
+    return str(key).replace("_", " ")
+
+
+def _plain(value: object) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int | float):
+        return tables.number(value)
+    if isinstance(value, list | tuple):
+        return ", ".join(map(_plain, value))
+    if isinstance(value, dict):
+        return ", ".join(f"{_words(k)} {_plain(v)}" for k, v in value.items())
+    return "" if value is None else str(value)

@@ -1,0 +1,602 @@
+"""What was measured against what was asked for: metrics, summary, comparisons, verdicts in plain words."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+SUMMARY_COLUMNS = (
+    "sample", "variant", "realization", "engine", "n_grains", "voxel_size_um",
+    "shape_z", "shape_y", "shape_x",
+    "porosity_target", "porosity_first", "porosity_second", "porosity", "flow_method",
+    "k_x_md", "k_y_md", "k_z_md", "k_ref_x_md", "k_ref_y_md", "k_ref_z_md",
+    "s2_inside_envelope", "s2_envelope_p", "w1_grains_um", "w1_pores_um",
+    "max_overlap", "coordination", "rattlers", "wall_s", "peak_rss_mb",
+)  # fmt: skip
+"""Columns of results/summary.csv, in their order."""
+
+POROSITY_TOLERANCE = 0.0005
+"""Allowed distance of the twin's porosity from the section's where the correction is on."""
+CORRECTION_LIMIT = 0.01
+"""Largest porosity difference that the final position scaling may close."""
+PERMEABILITY_TOLERANCE = 0.10
+"""Relative distance from the reference (same method) up to which a permeability counts as met."""
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A known metric: what it is called, its unit, where it comes from and the fixed bounds it must keep.
+
+    ``low`` and ``high`` are bounds that hold for every sample (``None``: none); targets of one sample are
+    rows of their own, named ``<metric>_target``.
+    """
+
+    label: str
+    unit: str = "1"
+    source: str = "twin"
+    low: float | None = None
+    high: float | None = None
+
+
+METRICS: dict[str, Metric] = {
+    "porosity": Metric("porosity of the twin", source="twin.zarr.zip"),
+    "porosity_target": Metric("porosity of the section", source="section.json"),
+    "porosity_first": Metric("porosity of the first packing", source="first/packing.json"),
+    "porosity_second": Metric("porosity of the second packing", source="second/packing.json"),
+    "n_grains": Metric("grains in the region of interest", "grains", "bodies.csv"),
+    "n_virtual": Metric("virtual spheres poured", "spheres", "second/bodies.csv"),
+    "p_sp": Metric("share of virtual spheres among poured bodies", source="virtual_spheres.json"),
+    "asleep": Metric("share of bodies at rest", source="bodies.csv", low=1.0),
+    "scale_factor": Metric("final scaling of positions", source="correction.json"),
+    "contacts_before": Metric("contacts before the final scaling", "contacts", "correction.json"),
+    "contacts_after": Metric("contacts after the final scaling", "contacts", "correction.json"),
+    "contact_area_before_um2": Metric("contact area before the final scaling", "µm²", "correction.json"),
+    "contact_area_after_um2": Metric("contact area after the final scaling", "µm²", "correction.json"),
+    "euler_before": Metric("Euler number of the pores before the final scaling", source="correction.json"),
+    "euler_after": Metric("Euler number of the pores after the final scaling", source="correction.json"),
+    "w1_grains_um": Metric("grain radii on slices, distance to the section", "µm", "grains2d.csv"),
+    "w1_pores_um": Metric("pore-circle radii on slices, distance to the section", "µm", "pores2d.csv"),
+    "w1_aspect_ratio": Metric("grain aspect ratio, distance to the section", source="grains2d.csv"),
+    "w1_circularity": Metric("grain circularity, distance to the section", source="grains2d.csv"),
+    "w1_solidity": Metric("grain solidity, distance to the section", source="grains2d.csv"),
+    "s2_inside_envelope": Metric("lags where the section's S₂ lies inside the cloud of slices",
+                                 source="s2_slices.csv", low=0.95),
+    "s2_envelope_p": Metric("envelope test of the section's S₂, p", source="s2_envelope.json", low=0.05),
+    "max_overlap": Metric("largest overlap, of the smaller radius", source="contacts.csv", high=0.02),
+    "coordination": Metric("contacts per grain, without rattlers", "contacts", "contacts.csv"),
+    "rattlers": Metric("share of grains that carry nothing", source="contacts.csv"),
+    "n_pores": Metric("pores of the network", "pores", "network"),
+    "n_throats": Metric("throats of the network", "throats", "network"),
+    "w1_network_pores_um": Metric("network pore radii, distance to the reference", "µm", "network"),
+    "w1_network_throats_um": Metric("network throat radii, distance to the reference", "µm", "network"),
+    "w1_network_coordination": Metric("pore coordination, distance to the reference", "throats", "network"),
+    "specific_surface_per_um": Metric("specific surface from the slope of S₂", "1/µm", "s2_volume.csv"),
+    "wall_s": Metric("wall time of the realization", "s", "benchmarks"),
+    "peak_rss_mb": Metric("peak memory of its largest job", "MB", "benchmarks"),
+    **{f"k_{a}_md": Metric(f"permeability along {a}", "mD", "flow.csv") for a in "xyz"},
+    **{f"k_ref_{a}_md": Metric(f"permeability of the reference along {a}", "mD", "reference_flow.csv")
+       for a in "xyz"},
+    **{f"formation_factor_{a}": Metric(f"formation factor along {a}", source="flow.csv") for a in "xyz"},
+}  # fmt: skip
+"""Every metric with a fixed name. Beside them: ``phase_fraction_<i>``, ``w1_grains_<i>_um`` for mineral i."""
+
+
+def metric(name: str) -> Metric:
+    """The catalogue entry of a metric, of a mineral's metric, or of their targets.
+
+    Raises
+    ------
+    KeyError
+        For a name that the report does not know: a metric without words must not slip in.
+    """
+    if name in METRICS:
+        return METRICS[name]
+    if name.endswith("_target"):
+        base = metric(name.removesuffix("_target"))
+        return Metric(f"target: {base.label}", base.unit, "section")
+    for prefix, suffix, label, unit, source in (
+        ("phase_fraction_", "", "share of mineral {} in the solid", "1", "twin.zarr.zip"),
+        ("w1_grains_", "_um", "grain radii of mineral {}, distance to the section", "µm", "grains2d.csv"),
+    ):
+        index = name.removeprefix(prefix).removesuffix(suffix)
+        if name.startswith(prefix) and name.endswith(suffix) and index.isdigit():
+            return Metric(label.format(index), unit, source)
+    raise KeyError(f"unknown metric {name!r}: name it in grainfall.report.tables.METRICS")
+
+
+def metrics_table(values: Mapping[str, object]) -> pd.DataFrame:
+    """The long form of everything measured on one twin (``metrics.csv``).
+
+    Parameters
+    ----------
+    values : mapping
+        Metric name to a number, to ``(value, lower, upper)``, or to ``None`` where it was not computed.
+        For ``<metric>_target`` the bounds are the accepted interval; for any other metric they are the
+        interval of the measured value. Merge the pieces that :func:`section_comparison`,
+        :func:`flow_values`, :func:`phase_values` and :func:`network_values` return.
+
+    Returns
+    -------
+    DataFrame
+        metric, value, unit, lower, upper, source; missing figures are NaN (empty in the file), never 0.
+    """
+    rows = []
+    for name, entry in values.items():
+        value, lower, upper = entry if isinstance(entry, tuple | list) else (entry, None, None)
+        known = metric(name)
+        rows.append((name, _number(value), known.unit, _number(lower), _number(upper), known.source))
+    return pd.DataFrame(rows, columns=["metric", "value", "unit", "lower", "upper", "source"])
+
+
+def summary_row(
+    sample: str,
+    variant: str,
+    realization: int,
+    engine: str,
+    shape_zyx: Sequence[int],
+    voxel_size_um: float,
+    metrics: pd.DataFrame,
+    flow_method: str | None = None,
+) -> pd.DataFrame:
+    """One row of ``summary.csv``, the columns of :data:`SUMMARY_COLUMNS` in their order.
+
+    Parameters
+    ----------
+    sample, variant, realization, engine : str, str, int, str
+    shape_zyx : sequence of int
+        Voxels of the twin along z, y, x.
+    voxel_size_um : float
+    metrics : DataFrame
+        As :func:`metrics_table` gives it; what it lacks stays empty.
+    flow_method : str, optional
+        Method behind the k columns.
+    """
+    row: dict[str, object] = dict.fromkeys(SUMMARY_COLUMNS)
+    row.update({name: _number(value) for name, value in _by_name(metrics).items() if name in row})
+    row.update(
+        sample=sample, variant=variant, realization=int(realization), engine=engine,
+        voxel_size_um=float(voxel_size_um), flow_method=flow_method,
+        **dict(zip(("shape_z", "shape_y", "shape_x"), map(int, shape_zyx), strict=True)),
+    )  # fmt: skip
+    table = pd.DataFrame([row], columns=list(SUMMARY_COLUMNS))
+    return table.astype({"n_grains": "Int64"})
+
+
+# ---- pieces of the metrics
+
+
+def section_comparison(
+    section_grains: pd.DataFrame | None,
+    section_pores: pd.DataFrame | None,
+    twin_grains: pd.DataFrame | None,
+    twin_pores: pd.DataFrame | None,
+    rng: np.random.Generator | None = None,
+    repeats: int = 200,
+) -> dict[str, object]:
+    """Wasserstein distances between what slices of the twin show and what the section shows.
+
+    Parameters
+    ----------
+    section_grains, section_pores : DataFrame or None
+        grains2d.csv and pores2d.csv of the section; border objects carry weight 0 and drop out.
+    twin_grains, twin_pores : DataFrame or None
+        The same, measured on slices of the twin.
+    rng : numpy.random.Generator, optional
+        Where given, each distance comes with a target: the 95 % quantile of the distance between two samples,
+        of the two sizes at hand, both drawn from the section (what chance alone gives). One grain cut by
+        several slices counts several times, so the bound is on the strict side.
+    repeats : int
+        Draws behind that quantile.
+
+    Returns
+    -------
+    dict
+        ``w1_grains_um``, ``w1_pores_um``, ``w1_aspect_ratio``, ``w1_circularity``, ``w1_solidity`` and, with
+        several minerals, ``w1_grains_<i>_um``; ``None`` where either side is empty.
+    """
+    found: dict[str, object] = {}
+
+    def compare(name: str, one: pd.DataFrame | None, two: pd.DataFrame | None, column: str) -> None:
+        one, two = _weighted(one, column), _weighted(two, column)
+        if one is None or two is None:
+            found[name] = None
+            return
+        (a, wa), (b, wb) = one, two
+        found[name] = stats.wasserstein_distance(a, b, wa, wb)
+        if rng is not None:
+            draws = [
+                stats.wasserstein_distance(
+                    rng.choice(a, len(a), p=wa / wa.sum()), rng.choice(a, len(b), p=wa / wa.sum())
+                )
+                for _ in range(repeats)
+            ]
+            bound = float(np.quantile(draws, 0.95))
+            found[f"{name}_target"] = (0.0, 0.0, bound)
+
+    compare("w1_grains_um", section_grains, twin_grains, "r_um")
+    if section_grains is not None and twin_grains is not None:
+        minerals = sorted(set(section_grains["phase"]) | set(twin_grains["phase"]))
+        if len(minerals) > 1:
+            for i in minerals:
+                of = [t[t["phase"] == i] for t in (section_grains, twin_grains)]
+                compare(f"w1_grains_{int(i)}_um", *of, "r_um")
+    compare("w1_pores_um", section_pores, twin_pores, "r_um")
+    for shape in ("aspect_ratio", "circularity", "solidity"):
+        compare(f"w1_{shape}", section_grains, twin_grains, shape)
+    return found
+
+
+def flow_values(
+    flow: pd.DataFrame | None, reference: pd.DataFrame | None = None, method: str | None = None
+) -> dict[str, object]:
+    """Permeability and formation factor per axis, with the reference by the same method.
+
+    Parameters
+    ----------
+    flow, reference : DataFrame or None
+        flow.csv of the twin and of the reference: method, axis, k_md, formation_factor. A blocked axis has
+        ``k_md`` 0 and stays 0: nothing percolates, which is a finding and not a gap.
+    method : str, optional
+        Method to use; the first row's if omitted.
+    """
+    found: dict[str, object] = {}
+    if flow is None or flow.empty:
+        return found
+    method = method or str(flow["method"].iloc[0])
+    for table, k_name in ((flow, "k_{}_md"), (reference, "k_ref_{}_md")):
+        if table is None:
+            continue
+        of_method = table[table["method"] == method].set_index("axis")
+        for axis in "xyz":
+            found[k_name.format(axis)] = of_method["k_md"].get(axis)
+            if table is flow and "formation_factor" in of_method:
+                found[f"formation_factor_{axis}"] = of_method["formation_factor"].get(axis)
+    return found
+
+
+def phase_values(twin_phase: np.ndarray, section_phase: np.ndarray, blocks: int = 4) -> dict[str, object]:
+    """Share of each mineral in the solid of the twin, with the section's share ± 2 standard errors as target.
+
+    The standard error comes from ``blocks`` × ``blocks`` tiles of the section, whose spread holds the spatial
+    correlation that counting pixels would ignore.
+
+    Parameters
+    ----------
+    twin_phase : ndarray of uint8, (z, y, x)
+    section_phase : ndarray of uint8, (y, x)
+    blocks : int
+    """
+    minerals = range(1, int(section_phase.max()) + 1)
+    if len(minerals) < 2:
+        return {}
+    found: dict[str, object] = {}
+    twin = np.bincount(twin_phase.ravel(), minlength=256)
+    tiles = [t for rows in np.array_split(section_phase, blocks, 0) for t in np.array_split(rows, blocks, 1)]
+    counts = np.array([np.bincount(t.ravel(), minlength=256)[: minerals.stop] for t in tiles], float)
+    solid = counts[:, 1:].sum(1)
+    for i in minerals:
+        share = counts[:, i].sum() / solid.sum()
+        # ratio estimator over tiles: residuals about the common share
+        residual = counts[:, i] - share * solid
+        error = np.sqrt(len(tiles) / (len(tiles) - 1) * (residual**2).sum()) / solid.sum()
+        found[f"phase_fraction_{i}"] = twin[i] / twin[1 : minerals.stop].sum()
+        found[f"phase_fraction_{i}_target"] = (share, share - 2 * error, share + 2 * error)
+    return found
+
+
+NETWORK_METRICS = {
+    "pore_radius_um": "w1_network_pores_um",
+    "throat_radius_um": "w1_network_throats_um",
+    "coordination": "w1_network_coordination",
+}
+"""Element sizes of a pore network and the metric of each."""
+
+
+def network_values(
+    sizes: Mapping[str, np.ndarray] | None, reference: Mapping[str, np.ndarray] | None = None
+) -> dict[str, object]:
+    """Counts of a pore network and the Wasserstein distances of its size distributions to the reference's.
+
+    Parameters
+    ----------
+    sizes, reference : mapping or None
+        ``pore_radius_um``, ``throat_radius_um``, ``coordination`` as
+        :func:`grainfall.network.element_sizes` gives them.
+    """
+    if sizes is None:
+        return {}
+    found: dict[str, object] = {
+        "n_pores": len(sizes["pore_radius_um"]),
+        "n_throats": len(sizes["throat_radius_um"]),
+    }
+    for kind, name in NETWORK_METRICS.items() if reference is not None else ():
+        both = len(sizes[kind]) and len(reference[kind])
+        found[name] = stats.wasserstein_distance(sizes[kind], reference[kind]) if both else None
+    return found
+
+
+def correction_values(correction: Mapping | None) -> dict[str, object]:
+    """What the final scaling of positions changed (correction.json: before, after, scale_factor)."""
+    if correction is None:
+        return {}
+    found: dict[str, object] = {"scale_factor": correction.get("scale_factor")}
+    for when in ("before", "after"):
+        state = correction.get(when) or {}
+        found |= {
+            f"contacts_{when}": state.get("contacts"),
+            f"contact_area_{when}_um2": state.get("contact_area_um2"),
+            f"euler_{when}": state.get("euler"),
+        }
+    return found
+
+
+# ---- judgement
+
+
+class Judgement(NamedTuple):
+    """One metric against its target, in words a reader needs no key for."""
+
+    metric: str
+    value: float | None
+    target: str
+    words: str
+    status: str
+    """met, missed, reported (no target) or not computed."""
+    label: str
+    unit: str
+    lower: float | None
+    upper: float | None
+
+
+def judge(metrics: pd.DataFrame) -> list[Judgement]:
+    """Hold every metric of one twin against its target.
+
+    Parameters
+    ----------
+    metrics : DataFrame
+        As :func:`metrics_table` gives it. A row ``<metric>_target`` is the target of ``<metric>``, its bounds
+        the accepted interval; ``k_ref_*`` rows are the targets of ``k_*``; other bounds are in
+        :data:`METRICS`.
+    """
+    rows = {r.metric: r for r in metrics.itertuples()}
+    verdicts = []
+    for name, row in rows.items():
+        if name.endswith("_target") or name.startswith("k_ref_"):
+            continue
+        known, value = metric(name), _number(row.value)
+        target, words, status = _verdict(name, known, value, rows)
+        verdicts.append(
+            Judgement(name, value, target, words, status, known.label, known.unit,
+                      _number(row.lower), _number(row.upper))
+        )  # fmt: skip
+    return verdicts
+
+
+def _verdict(name: str, known: Metric, value: float | None, rows: Mapping) -> tuple[str, str, str]:
+    target = rows.get(f"{name}_target")
+    aim = _number(target.value) if target else None
+    low, high = (_number(target.lower), _number(target.upper)) if target else (known.low, known.high)
+    if name == "porosity" and aim is not None and low is None:
+        low, high = aim - POROSITY_TOLERANCE, aim + POROSITY_TOLERANCE
+    if name.startswith("k_") and name.replace("k_", "k_ref_") in rows:
+        aim = _number(rows[name.replace("k_", "k_ref_")].value)
+        if aim is not None:
+            low, high = (1 - PERMEABILITY_TOLERANCE) * aim, (1 + PERMEABILITY_TOLERANCE) * aim
+    wanted = _wanted(name, aim, low, high)
+    if value is None:
+        return wanted, "not computed", "not computed"
+    shown = number(value)
+    if low is None and high is None:
+        words = "nothing flows through: K = 0" if name.startswith("k_") and value == 0 else "reported"
+        return wanted, words, "reported"
+    # bounds are met up to rounding, so that 0.31 ± 0.0005 does not fail on its last binary digit
+    slack = 1e-9 * max(abs(b) for b in (low, high, value) if b is not None)
+    if (low is None or value >= low - slack) and (high is None or value <= high + slack):
+        return wanted, "met", "met"
+    if name == "porosity":
+        gap = abs(value - aim)
+        why = (
+            f"target not reachable by this plan, nearest {shown}"
+            if gap > CORRECTION_LIMIT
+            else f"off by {number(gap, 2)}, within reach of the final scaling of positions, which is off"
+        )
+        digits = 3 if gap > CORRECTION_LIMIT else 5
+        return wanted, f"porosity {number(value, digits)} misses {number(aim, digits)}: {why}", "missed"
+    if name.startswith("k_"):
+        how = "nothing flows through the twin" if value == 0 else _relative(value, aim)
+        return wanted, f"{known.label} {shown} mD misses {number(aim)} mD: {how}", "missed"
+    if name.startswith("w1_"):
+        why = f"farther from the section than chance explains ({number(high)} {known.unit})".replace(
+            " 1)", ")"
+        )
+        return wanted, f"distance {shown} misses: {why}", "missed"
+    if name.startswith("phase_fraction_"):
+        return wanted, f"{known.label} {shown} misses {number(aim)}: beyond two standard errors", "missed"
+    below = low is not None and value < low
+    bound = f"below {number(low)}" if below else f"above {number(high)}"
+    return wanted, f"{known.label} {shown} misses: {bound}", "missed"
+
+
+def _wanted(name: str, aim: float | None, low: float | None, high: float | None) -> str:
+    if name.startswith("w1_") and high is not None:
+        return f"at most {number(high)} (chance)"
+    if aim is not None and low is not None and high is not None:
+        return f"{number(aim, 4)} ({number(low, 4)} to {number(high, 4)})"
+    if aim is not None:
+        return number(aim)
+    if low is not None:
+        return f"at least {number(low)}"
+    return f"at most {number(high)}" if high is not None else ""
+
+
+def _relative(value: float, aim: float | None) -> str:
+    if not aim:
+        return "the reference does not conduct"
+    change = value / aim - 1
+    return f"{abs(change):.0%} {'above' if change > 0 else 'below'} the reference"
+
+
+def verdict(judgements: Sequence[Judgement]) -> str:
+    """One sentence over all judgements of a twin."""
+    judged = [j for j in judgements if j.status in ("met", "missed")]
+    missed = [j for j in judged if j.status == "missed"]
+    if not judged:
+        return "No metric with a target has been computed yet."
+    if not missed:
+        return f"All {len(judged)} targets are met."
+    return f"{len(judged) - len(missed)} of {len(judged)} targets are met, {len(missed)} missed."
+
+
+# ---- realizations and costs
+
+
+def intervals(
+    summary: pd.DataFrame, columns: Sequence[str], by: Sequence[str] = ("sample", "variant", "engine")
+) -> pd.DataFrame:
+    """Mean and Student-t 95 % interval over realizations.
+
+    Parameters
+    ----------
+    summary : DataFrame
+        Rows of summary.csv.
+    columns : sequence of str
+        Figures to average; absent and empty ones are left out.
+    by : sequence of str
+        Columns that name an ensemble.
+
+    Returns
+    -------
+    DataFrame
+        ``by`` columns, metric, n, mean, lower, upper (NaN bounds for a single realization).
+    """
+    rows = []
+    for key, group in summary.groupby(list(by), sort=False, dropna=False):
+        for column in columns:
+            values = pd.to_numeric(group[column], errors="coerce").dropna() if column in group else []
+            if len(values):
+                rows.append((*key, column, *_t_interval(np.asarray(values, float))))
+    return pd.DataFrame(rows, columns=[*by, "metric", "n", "mean", "lower", "upper"])
+
+
+def paired_differences(
+    summary: pd.DataFrame, columns: Sequence[str], baseline: str | None = None
+) -> pd.DataFrame:
+    """Differences to the baseline variant, paired by realization (variants share their random numbers).
+
+    Parameters
+    ----------
+    summary : DataFrame
+        Rows of summary.csv.
+    columns : sequence of str
+    baseline : str, optional
+        Variant to compare with; the first one of each sample if omitted.
+
+    Returns
+    -------
+    DataFrame
+        sample, variant, baseline, metric, n, mean, lower, upper, differs (the 95 % interval excludes 0; empty
+        for a single pair).
+    """
+    rows = []
+    for sample, group in summary.groupby("sample", sort=False):
+        names = list(dict.fromkeys(group["variant"]))
+        base = baseline if baseline in names else names[0]
+        tables = {n: group[group["variant"] == n].set_index("realization") for n in names}
+        for name in (n for n in names if n != base):
+            for column in (c for c in columns if c in group):
+                pair = pd.concat(
+                    [pd.to_numeric(tables[n][column], errors="coerce") for n in (name, base)], axis=1
+                ).dropna()
+                if len(pair):
+                    difference = (pair.iloc[:, 0] - pair.iloc[:, 1]).to_numpy(float)
+                    n, mean, lower, upper = _t_interval(difference)
+                    differs = None if math.isnan(lower) else bool(lower > 0 or upper < 0)
+                    rows.append((sample, name, base, column, n, mean, lower, upper, differs))
+    columns_out = ["sample", "variant", "baseline", "metric", "n", "mean", "lower", "upper", "differs"]
+    return pd.DataFrame(rows, columns=columns_out)
+
+
+def _t_interval(values: np.ndarray) -> tuple[int, float, float, float]:
+    n, mean = len(values), float(values.mean())
+    if n < 2:
+        return n, mean, math.nan, math.nan
+    half = stats.t.ppf(0.975, n - 1) * values.std(ddof=1) / math.sqrt(n)
+    return n, mean, mean - half, mean + half
+
+
+def read_costs(files: Iterable[str | Path]) -> pd.DataFrame:
+    """Seconds and memory per rule from Snakemake benchmark files.
+
+    Parameters
+    ----------
+    files : iterable of path
+        ``<rule>.tsv`` files, at any depth; the file name is the rule's.
+
+    Returns
+    -------
+    DataFrame
+        rule, jobs, wall_s (sum), longest_s, cpu_s (sum), peak_rss_mb (largest), longest total first.
+    """
+    frames = []
+    for file in map(Path, files):
+        table = pd.read_csv(file, sep="\t", na_values=["-"])
+        if {"s", "max_rss"} <= set(table.columns):
+            # the parts of a scattered rule count as one rule: s2_slices_3-of-4 → s2_slices
+            frames.append(table.assign(rule=re.sub(r"_\d+-of-\d+$", "", file.stem)))
+    if not frames:
+        return pd.DataFrame(columns=["rule", "jobs", "wall_s", "longest_s", "cpu_s", "peak_rss_mb"])
+    table = pd.concat(frames, ignore_index=True)
+    if "cpu_time" not in table:
+        table["cpu_time"] = np.nan
+    costs = table.groupby("rule", as_index=False).agg(
+        jobs=("s", "size"), wall_s=("s", "sum"), longest_s=("s", "max"),
+        cpu_s=("cpu_time", lambda c: c.sum(min_count=1)), peak_rss_mb=("max_rss", "max"),
+    )  # fmt: skip
+    return costs.sort_values(["wall_s", "rule"], ascending=[False, True], ignore_index=True)
+
+
+# ---- helpers
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """A figure for a reader: ``digits`` significant digits; empty if missing."""
+    value = _number(value)
+    if value is None:
+        return ""
+    if value == 0:
+        return "0"
+    if not 1e-4 <= abs(value) < 1e7:
+        mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+        return f"{mantissa}·10^{int(exponent)}"
+    if float(value).is_integer():
+        return f"{int(value):,}".replace(",", "\u202f")
+    decimals = max(0, digits - 1 - math.floor(math.log10(abs(value))))
+    return f"{value:,.{decimals}f}".replace(",", "\u202f")
+
+
+def _number(value: object) -> float | None:
+    if value is None or value is pd.NA:
+        return None
+    value = float(value)
+    return None if math.isnan(value) else value
+
+
+def _by_name(metrics: pd.DataFrame) -> dict[str, float]:
+    return dict(zip(metrics["metric"], metrics["value"], strict=True))
+
+
+def _weighted(table: pd.DataFrame | None, column: str) -> tuple[np.ndarray, np.ndarray] | None:
+    if table is None or column not in table:
+        return None
+    used = table[(table["weight"] > 0) & table[column].notna()]
+    if used.empty:
+        return None
+    return used[column].to_numpy(float), used["weight"].to_numpy(float)

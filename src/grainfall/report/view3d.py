@@ -1,0 +1,160 @@
+"""The 3D view that can be turned: surfaces of the minerals and the pore network, as plain plotly data.
+
+Numbers travel as base64 of 16-bit integers in voxels of a coarse grid, so that a page stays small.
+"""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from skimage.measure import marching_cubes
+
+from grainfall.report.figures import MINERALS, PORE_CIRCLE
+
+TRIANGLES = 160_000
+"""Most triangles of one view; the grid is coarsened until they fit."""
+STEPS = 64
+"""Positions are kept to 1/64 of a coarse voxel."""
+NETWORK_COLOUR = "#333333"
+
+
+def view_data(
+    phase: np.ndarray,
+    voxel_size_um: float,
+    phases: Sequence[str] = (),
+    network: Mapping[str, np.ndarray] | None = None,
+    edge: int = 72,
+) -> dict:
+    """Traces and layout of the view.
+
+    Parameters
+    ----------
+    phase : ndarray of uint8, (z, y, x)
+        0 pore, 1…M minerals.
+    voxel_size_um : float
+    phases : sequence of str
+        Names; index 0 is the pore.
+    network : mapping, optional
+        Pore network as :func:`grainfall.network.load` gives it (µm).
+    edge : int
+        Longest edge of the coarse grid at the start.
+
+    Returns
+    -------
+    dict
+        ``traces`` (plotly), ``groups`` (trace group → name on its button), ``layout``; JSON throughout.
+    """
+    minerals = [i for i in np.unique(phase) if i]
+    while True:
+        factor = max(1, -(-max(phase.shape) // edge))
+        meshes = [(int(i), *_surface(phase == i, factor)) for i in minerals]
+        if sum(len(f) for _, _, f in meshes) <= TRIANGLES or edge <= 12:
+            break
+        edge = int(0.85 * edge)
+    scale = factor * voxel_size_um
+    traces, groups = [], {}
+    for i, vertices, faces in meshes:
+        name = phases[i] if i < len(phases) else f"mineral {i}"
+        groups[f"mineral {i}"] = name
+        traces.append(_mesh(vertices, faces, scale, MINERALS[(i - 1) % len(MINERALS)], name, f"mineral {i}"))
+    balls = _network(network)
+    if balls:
+        groups["network"] = "pore network"
+        traces += balls
+    nz, ny, nx = (n * voxel_size_um for n in phase.shape)
+    longest = max(nz, ny, nx)
+    axis = {"showbackground": False, "gridcolor": "#DDDDDD", "zeroline": False, "linecolor": "#444444"}
+    layout = {
+        "margin": {"l": 0, "r": 0, "t": 0, "b": 0},
+        "showlegend": False,
+        "paper_bgcolor": "#FFFFFF",
+        "uirevision": "keep",
+        "scene": {
+            "xaxis": {**axis, "title": {"text": "x (µm)"}, "range": [0, nx]},
+            "yaxis": {**axis, "title": {"text": "y (µm)"}, "range": [0, ny]},
+            "zaxis": {**axis, "title": {"text": "z, up (µm)"}, "range": [0, nz]},
+            "aspectmode": "manual",
+            "aspectratio": {"x": nx / longest, "y": ny / longest, "z": nz / longest},
+            "camera": {"eye": {"x": 1.45, "y": -1.45, "z": 0.95}},
+        },
+    }
+    return {"traces": traces, "groups": groups, "layout": layout}
+
+
+def _surface(mask: np.ndarray, factor: int) -> tuple[np.ndarray, np.ndarray]:
+    """Closed surface of a mask averaged over blocks: vertices (n, 3) x, y, z in coarse voxels; faces."""
+    blocks = [-(-n // factor) for n in mask.shape]
+    padded = np.pad(mask, [(0, b * factor - n) for b, n in zip(blocks, mask.shape, strict=True)])
+    nz, ny, nx = blocks
+    share = padded.reshape(nz, factor, ny, factor, nx, factor).mean((1, 3, 5))
+    share = np.pad(share, 1)  # empty rim: the cut faces of the box close
+    if not (share > 0.5).any():
+        return np.zeros((0, 3)), np.zeros((0, 3), int)
+    vertices, faces, _, _ = marching_cubes(share, 0.5)
+    inside = np.clip(vertices - 0.5, 0, blocks)  # rim voxel centre → corner of the volume
+    return inside[:, ::-1], faces[:, ::-1]
+
+
+def _packed(values: np.ndarray, kind: str) -> dict:
+    array = np.ascontiguousarray(values).astype(np.dtype(kind).newbyteorder("<"))
+    return {"dtype": array.dtype.str[1:], "bdata": base64.b64encode(array.tobytes()).decode()}
+
+
+def _mesh(vertices, faces, scale: float, colour: str, name: str, group: str) -> dict:
+    index = "u2" if len(vertices) < 2**16 else "u4"
+    coordinates = np.rint(vertices * STEPS)
+    return {
+        "type": "mesh3d",
+        # the page multiplies by `step` once: positions arrive as integers
+        "step": scale / STEPS,
+        **{a: _packed(coordinates[:, n], "u2") for n, a in enumerate("xyz")},
+        **{a: _packed(faces[:, n], index) for n, a in enumerate("ijk")},
+        "color": colour,
+        "name": name,
+        "group": group,
+        "hoverinfo": "name",
+        "flatshading": False,
+        "lighting": {"ambient": 0.55, "diffuse": 0.75, "specular": 0.12, "roughness": 0.8},
+        "lightposition": {"x": 2000, "y": -4000, "z": 6000},
+    }
+
+
+def _network(network: Mapping[str, np.ndarray] | None) -> list[dict]:
+    """Pores as balls and throats as sticks."""
+    if network is None or len(network["pore.coords"]) == 0:
+        return []
+    xyz, ends = network["pore.coords"], network["throat.conns"]
+    radius = network["pore.inscribed_diameter"] / 2
+    # three points a stick: its ends and a gap
+    sticks = np.full((len(ends), 3, 3), np.nan)
+    sticks[:, :2] = xyz[ends]
+    sticks = sticks.reshape(-1, 3)
+    size = np.clip(12 * radius / max(radius.max(), 1e-12), 2, 12)
+    return [
+        {
+            "type": "scatter3d",
+            "mode": "lines",
+            **{a: _packed(sticks[:, n], "f4") for n, a in enumerate("xyz")},
+            "line": {"color": NETWORK_COLOUR, "width": 2},
+            "name": "throats",
+            "group": "network",
+            "hoverinfo": "skip",
+        },
+        {
+            "type": "scatter3d",
+            "mode": "markers",
+            **{a: _packed(xyz[:, n], "f4") for n, a in enumerate("xyz")},
+            "marker": {
+                "color": PORE_CIRCLE,
+                "opacity": 1,
+                "line": {"width": 0},
+                "size": [round(float(s), 1) for s in size],
+            },
+            "text": [f"radius {r:.3g} µm" for r in radius],
+            "name": "pores",
+            "group": "network",
+            "hoverinfo": "text",
+        },
+    ]

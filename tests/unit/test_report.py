@@ -1,0 +1,535 @@
+"""The report on a small results tree made here: what it says, and that it holds when files are missing."""
+
+import html.parser
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from grainfall import io
+from grainfall.report import (
+    METRICS,
+    SUMMARY_COLUMNS,
+    build_report,
+    correction_values,
+    figure_files,
+    flow_values,
+    intervals,
+    judge,
+    metrics_table,
+    network_values,
+    paired_differences,
+    phase_values,
+    read_costs,
+    save_figure,
+    section_comparison,
+    summary_row,
+    verdict,
+)
+
+PIXEL = 2.0
+PHASES = ["pore", "quartz", "feldspar <b>"]
+
+
+def balls(shape, count, rng, radius=(5, 9)):
+    """Grains as labelled balls (or discs) at random places, later ones on top, and their phases."""
+    grid = np.indices(shape)
+    labels = np.zeros(shape, np.int32)
+    for n in range(1, count + 1):
+        centre = [rng.uniform(0, s) for s in shape]
+        r = rng.uniform(*radius)
+        labels[sum((g - c) ** 2 for g, c in zip(grid, centre, strict=True)) < r * r] = n
+    phase = np.where(labels > 0, 1 + labels % 2, 0).astype(np.uint8)
+    return labels, phase
+
+
+def grain_table(rng, n, mean):
+    r = rng.lognormal(np.log(mean), 0.25, n)
+    return pd.DataFrame(
+        {
+            "grain": np.arange(1, n + 1),
+            "phase": 1 + np.arange(1, n + 1) % 2,
+            "y_um": rng.uniform(0, 150, n),
+            "x_um": rng.uniform(0, 180, n),
+            "area_um2": np.pi * r**2,
+            "r_um": r,
+            "border": rng.uniform(size=n) < 0.2,
+            "aspect_ratio": rng.uniform(1, 2, n),
+            "circularity": rng.uniform(0.7, 1, n),
+            "solidity": rng.uniform(0.8, 1, n),
+        }
+    ).assign(weight=lambda t: np.where(t["border"], 0.0, 1.0))
+
+
+def histogram(kind, phase, mean, rng):
+    edges = np.linspace(0, 3 * mean, 13)
+    mid = (edges[1:] + edges[:-1]) / 2
+    f = np.exp(-(((mid - mean) / (0.4 * mean)) ** 2))
+    f /= (f * np.diff(edges)).sum()
+    g = f * rng.uniform(0.8, 1.2, len(f))
+    g /= (g * np.diff(edges)).sum()
+    return pd.DataFrame(
+        {"phase": phase, "kind": kind, "r_lo_um": edges[:-1], "r_hi_um": edges[1:], "f2d": g, "f3d": f,
+         "lower": 0.7 * f, "upper": 1.3 * f}
+    )  # fmt: skip
+
+
+def make_sample(root: Path, name="demo", variants=("full", "bullet"), realizations=2, reference=True):
+    """A results tree of one sample as the workflow leaves it, small."""
+    rng = np.random.default_rng(5)
+    sample = root / name
+    labels, phase = balls((75, 90), 30, rng)
+    io.write_volume(sample / "section.zarr.zip", {"phase": phase}, PIXEL, {"phases": PHASES})
+    io.write_volume(sample / "labels.zarr.zip", {"grains": labels, "pores": labels, "phase": phase}, PIXEL)
+    io.write_table(sample / "grains2d.csv", grain_table(rng, 30, 12))
+    pores = grain_table(rng, 25, 5).rename(columns={"grain": "pore"})
+    io.write_table(sample / "pores2d.csv", pores)
+    io.write_json(
+        sample / "section.json",
+        {
+            "porosity": float((phase == 0).mean()),
+            "n_grains": 30,
+            "phases": PHASES,
+            "notes": {"thresholds": [17, 91]},
+        },
+    )
+    sizes = [histogram("grain", 1, 12, rng), histogram("grain", 2, 14, rng), histogram("pore", 0, 6, rng)]
+    io.write_table(sample / "sizes.csv", pd.concat(sizes))
+    (sample / "benchmarks").mkdir()
+    costs = "s\th:m:s\tmax_rss\tcpu_time\n{}\t0:00:02\t{}\t1.5\n"
+    (sample / "benchmarks" / "morphology.tsv").write_text(costs.format(2.5, 120))
+    flow = pd.DataFrame(
+        {"method": "network", "axis": list("xyz"), "k_md": [1200.0, 1100.0, 0.0],
+         "formation_factor": [5.0, 6.0, np.nan], "wall_s": 1.0}
+    )  # fmt: skip
+    lags = np.arange(0, 60, 2.0)
+    if reference:
+        io.write_volume(sample / "reference.zarr.zip", {"phase": balls((20, 20, 20), 9, rng)[1]}, PIXEL)
+        io.write_table(sample / "truth_sizes.csv", pd.DataFrame({"phase": 1, "r_um": rng.normal(12, 2, 80)}))
+        io.write_table(sample / "reference_flow.csv", flow.assign(k_md=[1190.0, 1000.0, 900.0]))
+        io.write_table(
+            sample / "reference_s2.csv",
+            pd.DataFrame({"axis": "x", "lag_um": lags, "s2": 0.36 + 0.24 * np.exp(-lags / 9)}),
+        )
+    rows = []
+    for variant in variants:
+        curve = 0.36 + 0.24 * np.exp(-lags / 10)
+        io.write_table(
+            sample / variant / "s2_envelope.csv",
+            pd.DataFrame({"lag_um": lags, "observed": curve, "lower": curve - 0.04, "upper": curve + 0.04,
+                          "mean": curve}),
+        )  # fmt: skip
+        io.write_json(sample / variant / "s2_envelope.json", {"p": 0.23, "n_slices": 199})
+        for realization in range(realizations):
+            twin = sample / variant / str(realization)
+            body, volume = balls((40, 44, 48), 40, rng, (5, 8))
+            attributes = {"phases": PHASES, "seed": 1}
+            io.write_volume(twin / "twin.zarr.zip", {"phase": volume, "body": body}, PIXEL, attributes)
+            io.write_volume(twin / "first" / "volume.zarr.zip", {"phase": volume}, PIXEL)
+            spheres = np.where((volume > 0) & (body % 5 == 0), 255, volume).astype(np.uint8)
+            io.write_volume(twin / "second" / "volume.zarr.zip", {"phase": spheres}, PIXEL)
+            io.write_json(twin / "first" / "packing.json", {"steps": 900, "length_unit_um": 12.5})
+            io.write_json(twin / "second" / "packing.json", {"steps": 1200, "passes": [{"p_sp": 0.1}]})
+            io.write_json(
+                twin / "plan.json",
+                {"virtual_spheres": {"on": True, "reason": "porosity 0.36 < 0.40", "cost_s": 12.0},
+                 "correction": {"on": False, "reason": "gap 0.06 > 0.01", "cost_s": None}},
+            )  # fmt: skip
+            spheres_table = histogram("pore", 0, 6, rng)
+            io.write_table(
+                twin / "virtual_spheres.csv",
+                spheres_table[["r_lo_um", "r_hi_um"]].assign(
+                    target=spheres_table["f3d"], first=spheres_table["f2d"],
+                    difference=lambda t: t["target"] - t["first"],
+                    used=lambda t: t["difference"].clip(lower=0)),
+            )  # fmt: skip
+            io.write_json(twin / "virtual_spheres.json", {"p_sp": 0.12})
+            io.write_table(
+                twin / "bodies.csv",
+                pd.DataFrame({"id": range(40), "kind": "grain", "phase": [1, 2] * 20,
+                              "scale": rng.normal(13, 2, 40), "x": rng.uniform(-20, 110, 40),
+                              "y": rng.uniform(0, 80, 40), "z": rng.uniform(0, 80, 40)}),
+            )  # fmt: skip
+            grains, twin_pores = (
+                grain_table(rng, 60, 12.5),
+                grain_table(rng, 60, 5).rename(columns={"grain": "pore"}),
+            )
+            io.write_table(twin / "grains2d.csv", grains)
+            io.write_table(twin / "pores2d.csv", twin_pores)
+            slices = [
+                pd.DataFrame(
+                    {"slice": i, "axis": "xyz"[i % 3], "lag_um": lags, "s2": curve + rng.normal(0, 0.02)}
+                )
+                for i in range(20)
+            ]
+            io.write_table(twin / "s2_slices.csv", pd.concat(slices))
+            ours = flow.assign(k_md=flow["k_md"] * rng.uniform(0.9, 1.1))
+            io.write_table(twin / "flow.csv", ours)
+            benchmarks = twin / "benchmarks"
+            benchmarks.mkdir()
+            for part in ("1-of-2", "2-of-2"):
+                (benchmarks / f"s2_slices_{part}.tsv").write_text(costs.format(1.25, 200))
+            reference_flow = io.read_table(sample / "reference_flow.csv") if reference else None
+            metrics = metrics_table(
+                {
+                    "porosity": 0.371 + 0.001 * realization,
+                    "porosity_target": 0.309,
+                    "porosity_first": 0.36,
+                    "n_grains": 40,
+                    "s2_inside_envelope": 1.0,
+                    "s2_envelope_p": 0.23,
+                    "max_overlap": 0.001,
+                    "coordination": None,
+                    **section_comparison(
+                        io.read_table(sample / "grains2d.csv"), pores, grains, twin_pores,
+                        np.random.default_rng(1), repeats=20,
+                    ),
+                    **phase_values(volume, phase),
+                    **flow_values(ours, reference_flow),
+                }
+            )  # fmt: skip
+            io.write_table(twin / "metrics.csv", metrics)
+            engine = "bullet" if variant == "bullet" else "physx"
+            rows.append(
+                summary_row(name, variant, realization, engine, volume.shape, PIXEL, metrics, "network")
+            )
+    io.write_table(root / "summary.csv", pd.concat(rows))
+    return root
+
+
+class Page(html.parser.HTMLParser):
+    """Checks nesting while it gathers attributes, headings and text."""
+
+    VOID = frozenset({"meta", "br", "img", "link", "input", "hr"})
+
+    def __init__(self, text):
+        super().__init__()
+        self.stack, self.attributes, self.headings, self.words, self.faults = [], [], [], [], []
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        self.attributes += [(tag, k, v or "") for k, v in attrs]
+        if tag not in self.VOID:
+            self.stack.append(tag)
+        if re.fullmatch("h[1-6]", tag):
+            self.headings.append(int(tag[1]))
+
+    def handle_endtag(self, tag):
+        if not self.stack or self.stack.pop() != tag:
+            self.faults.append(tag)
+
+    def handle_data(self, data):
+        if self.stack and self.stack[-1] not in ("script", "style"):
+            self.words.append(data)
+
+    @property
+    def text(self):
+        return " ".join(" ".join(self.words).split())
+
+
+@pytest.fixture(scope="module")
+def tree(tmp_path_factory):
+    return make_sample(tmp_path_factory.mktemp("results"))
+
+
+@pytest.fixture(scope="module")
+def page(tree):
+    out = tree / "report.html"
+    build_report(tree, ["demo"], out, "Twins of a demo")
+    return out.read_text(encoding="utf-8")
+
+
+# ---- the page
+
+
+def test_page_is_well_formed_and_accessible(page):
+    parsed = Page(page)
+    assert not parsed.faults
+    assert not parsed.stack
+    assert parsed.headings[0] == 1
+    assert parsed.headings.count(1) == 1
+    assert all(b - a <= 1 for a, b in zip(parsed.headings, parsed.headings[1:], strict=False))
+    assert ("html", "lang", "en") in parsed.attributes
+    images = [v for t, k, v in parsed.attributes if (t, k) == ("img", "alt")]
+    assert len(images) == sum(t == "img" and k == "src" for t, k, _ in parsed.attributes) > 5
+    assert all(len(v) > 20 for v in images)
+    assert page.count("<th ") == sum(t == "th" and k == "scope" for t, k, _ in parsed.attributes)
+    identities = [v for _, k, v in parsed.attributes if k == "id"]
+    assert len(identities) == len(set(identities))
+    anchors = [v[1:] for t, k, v in parsed.attributes if (t, k) == ("a", "href")]
+    assert set(anchors) <= set(identities)
+
+
+def test_page_asks_nothing_of_the_network(page):
+    for _, key, value in Page(page).attributes:
+        if key in ("src", "href", "srcset", "action", "data", "poster"):
+            assert value.startswith(("data:", "#"))
+    style = page[page.index("<style>") : page.index("</style>")]
+    assert "url(" not in style
+    assert "@import" not in style
+    assert "default-src 'none'" in page
+    assert page.count("plotly.js v") == 1
+
+
+def test_page_stays_small(page):
+    assert len(page.encode()) < 15e6
+
+
+def test_page_says_every_metric_and_what_missed(page, tree):
+    text = Page(page).text
+    for name in io.read_table(tree / "demo/full/0/metrics.csv")["metric"]:
+        if not name.endswith("_target") and not name.startswith("k_ref_"):
+            assert name in text
+    assert "porosity 0.371 misses 0.309: target not reachable by this plan, nearest 0.371" in text
+    assert "porosity 0.372 misses 0.309" in text
+    assert "nothing flows through the twin" in text
+    assert "porosity 0.36 < 0.40" in text
+    assert "s2_slices" in text
+    assert "length unit um" in text
+    assert "thresholds 17, 91" in text
+
+
+def test_page_has_the_same_bytes_twice(page, tree):
+    again = tree / "again.html"
+    build_report(tree, ["demo"], again, "Twins of a demo")
+    assert again.read_text(encoding="utf-8") == page
+
+
+@pytest.mark.parametrize(
+    "hostile",
+    ["<script>alert(1)</script>", "\"><img src=x onerror='alert(1)'>", "</script><b>", "{{ 7 * 7 }}", "a&b"],
+)
+def test_nothing_reaches_the_page_unescaped(tmp_path, hostile):
+    root = tmp_path
+    folder = hostile.replace("/", "\u2215")
+    io.write_table(root / folder / "full" / "0" / "metrics.csv", metrics_table({"porosity": 0.3}))
+    io.write_json(
+        root / folder / "full" / "0" / "plan.json", {hostile: {"on": True, "reason": hostile, "cost_s": 1}}
+    )
+    io.write_json(root / folder / "section.json", {"phases": ["pore", hostile], "notes": {hostile: hostile}})
+    build_report(root, [folder], root / "report.html", hostile)
+    page = (root / "report.html").read_text(encoding="utf-8")
+    parsed = Page(page)
+    assert not parsed.faults
+    assert not parsed.stack
+    assert not any(k.startswith("on") for _, k, _ in parsed.attributes)
+    assert sum(t == "img" for t, *_ in parsed.attributes) == 0
+    assert hostile in " ".join(parsed.words)
+    if "<" in hostile:
+        assert hostile not in page
+
+
+def test_phase_names_are_data_in_the_3d_view(tmp_path):
+    root = make_sample(tmp_path, variants=("full",), realizations=1)
+    evil = ["pore", "</script><script>alert(1)</script>", "b"]
+    about = io.read_json(root / "demo/section.json")
+    io.write_json(root / "demo/section.json", about | {"phases": evil})
+    build_report(root, ["demo"], root / "report.html")
+    assert "<script>alert(1)" not in (root / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("gone", "said"),
+    [
+        ("reference*", "none: the section alone judges the twin"),
+        ("*/*/virtual_spheres.*", "No virtual spheres were called for"),
+        ("*/*/s2_slices.csv", "S₂ has not been computed yet"),
+        ("*/*/flow.csv", "No permeability has been computed yet"),
+        ("*/*/plan.json", "No plan has been written"),
+        ("*/*/metrics.csv", "No twin has been judged yet"),
+        ("sizes.csv", "No sizes have been unfolded yet"),
+        ("labels.zarr.zip", "The section"),
+        ("**/benchmarks/*.tsv", "No benchmark files were found"),
+        ("*/s2_envelope.*", "Two-point correlation"),
+    ],
+)
+def test_page_degrades(tmp_path, gone, said):
+    root = make_sample(tmp_path, variants=("full",), realizations=1)
+    files = list((root / "demo").glob(gone))
+    assert files
+    for file in files:
+        file.unlink()
+    build_report(root, ["demo"], root / "report.html")
+    parsed = Page((root / "report.html").read_text(encoding="utf-8"))
+    assert said in parsed.text
+    assert "One twin only" in parsed.text
+    assert not parsed.faults
+
+
+# ---- figures
+
+
+def test_every_figure_can_be_a_file(tree, tmp_path):
+    files = figure_files(tree, "demo", "full", 0)
+    for name, figure in files.items():
+        assert figure.caption
+        assert figure.alt
+        for suffix in ("svg", "png"):
+            one, two = tmp_path / f"{name}.{suffix}", tmp_path / f"{name}-again.{suffix}"
+            figure.save(one)
+            figure.save(two)
+            assert one.read_bytes() == two.read_bytes()
+            assert one.stat().st_size > 1000
+
+
+def test_a_figure_without_its_files_is_a_sentence(tmp_path):
+    figure = figure_files(tmp_path, "nothing", "full", 0)["virtual"]
+    assert figure.draw() is None
+    figure.save(tmp_path / "virtual.svg")
+    assert (tmp_path / "virtual.svg").exists()
+
+
+def test_save_figure_refuses_other_formats(tree, tmp_path):
+    with pytest.raises(ValueError, match=r"\.svg or \.png"):
+        save_figure(figure_files(tree, "demo", "full", 0)["sizes"].draw(), tmp_path / "figure.gif")
+
+
+def test_histograms_of_samples_keep_their_area(tree):
+    figure = figure_files(tree, "demo", "full", 0)["sizes"].draw()
+    for axes in figure.axes:
+        assert axes.get_ylabel() or not axes.get_subplotspec().is_first_col()
+        for patch in axes.patches:
+            values, edges, baseline = patch.get_data()
+            if baseline is None or np.ndim(baseline) == 0:
+                assert (values * np.diff(edges)).sum() <= 1 + 1e-9 or patch.get_fill()
+
+
+# ---- tables
+
+
+def test_summary_row_has_the_columns_of_the_contract():
+    metrics = metrics_table({"porosity": 0.3, "n_grains": 12, "k_x_md": 0.0})
+    row = summary_row("s", "full", 1, "physx", (4, 5, 6), 2.5, metrics, "network")
+    assert tuple(row.columns) == SUMMARY_COLUMNS
+    line = row.to_csv(index=False, lineterminator="\n").splitlines()[1].split(",")
+    by_name = dict(zip(SUMMARY_COLUMNS, line, strict=True))
+    assert (by_name["shape_z"], by_name["shape_y"], by_name["shape_x"]) == ("4", "5", "6")
+    assert by_name["n_grains"] == "12"
+    assert by_name["k_x_md"] == "0.0"  # blocked is a finding …
+    assert by_name["k_y_md"] == ""  # … not computed is not
+    assert by_name["porosity_first"] == ""
+
+
+def test_unknown_metrics_are_refused():
+    with pytest.raises(KeyError, match="nonsense"):
+        metrics_table({"nonsense": 1.0})
+    for name in ("phase_fraction_3", "w1_grains_2_um", "w1_grains_um_target", *METRICS):
+        assert len(metrics_table({name: None})) == 1
+
+
+@given(shift=st.floats(-5, 5), scale=st.floats(0.5, 2))
+def test_distance_of_shifted_radii_is_the_shift(shift, scale):
+    rng = np.random.default_rng(0)
+    one = grain_table(rng, 40, 12)
+    one["r_um"] *= scale
+    found = section_comparison(one, None, one.assign(r_um=one["r_um"] + shift), None)
+    assert found["w1_grains_um"] == pytest.approx(abs(shift), abs=1e-9)
+    assert found["w1_pores_um"] is None
+    assert found["w1_solidity"] == pytest.approx(0, abs=1e-12)
+
+
+def test_distances_ignore_border_grains_and_use_weights():
+    one = pd.DataFrame({"phase": 1, "r_um": [1.0, 3.0, 99.0], "weight": [3.0, 1.0, 0.0]})
+    two = pd.DataFrame({"phase": 1, "r_um": [1.0], "weight": [1.0]})
+    assert section_comparison(one, None, two, None)["w1_grains_um"] == pytest.approx(0.25 * 2)
+
+
+def test_chance_bound_holds_for_chance_and_catches_a_shift():
+    rng = np.random.default_rng(3)
+    one = grain_table(rng, 400, 12)
+    twins = [grain_table(rng, 400, 12) for _ in range(20)]
+    inside = 0
+    for twin in twins:
+        found = section_comparison(one, None, twin, None, np.random.default_rng(1), repeats=100)
+        inside += found["w1_grains_um"] <= found["w1_grains_um_target"][2]
+    assert inside >= 14  # two draws from one law, against a bound drawn from one of them
+    shifted = section_comparison(one, None, one.assign(r_um=one["r_um"] + 2), None, np.random.default_rng(1))
+    assert shifted["w1_grains_um"] > shifted["w1_grains_um_target"][2]
+
+
+def test_phase_shares_of_the_section_itself_are_met():
+    phase = np.random.default_rng(0).integers(0, 3, (60, 60)).astype(np.uint8)
+    found = phase_values(phase[None], phase)
+    assert all(j.status == "met" for j in judge(metrics_table(found)))
+    assert sum(found[f"phase_fraction_{i}"] for i in (1, 2)) == pytest.approx(1)
+    swapped = phase_values(np.where(phase == 2, 1, phase)[None], phase)
+    assert all(j.status == "missed" for j in judge(metrics_table(swapped)))
+    assert phase_values((phase > 0).astype(np.uint8)[None], (phase > 0).astype(np.uint8)) == {}
+
+
+def words(values):
+    return {j.metric: (j.status, j.words) for j in judge(metrics_table(values))}
+
+
+def test_judgements_in_plain_words():
+    assert words({"porosity": 0.371, "porosity_target": 0.309})["porosity"] == (
+        "missed",
+        "porosity 0.371 misses 0.309: target not reachable by this plan, nearest 0.371",
+    )
+    assert words({"porosity": 0.3094, "porosity_target": 0.309})["porosity"][0] == "met"
+    status, text = words({"porosity": 0.312, "porosity_target": 0.309})["porosity"]
+    assert status == "missed"
+    assert "which is off" in text
+    blocked = words({"k_x_md": 0.0, "k_ref_x_md": 900.0})["k_x_md"]
+    assert blocked == ("missed", "permeability along x 0 mD misses 900 mD: nothing flows through the twin")
+    assert words({"k_x_md": 0.0})["k_x_md"] == ("reported", "nothing flows through: K = 0")
+    assert words({"k_x_md": 0.0, "k_ref_x_md": 0.0})["k_x_md"][0] == "met"
+    assert words({"k_x_md": 950.0, "k_ref_x_md": 900.0})["k_x_md"][0] == "met"
+    assert "17% below" in words({"k_x_md": 750.0, "k_ref_x_md": 900.0})["k_x_md"][1]
+    assert words({"coordination": None})["coordination"][0] == "not computed"
+    assert words({"coordination": 4.4})["coordination"][0] == "reported"
+    assert words({"s2_envelope_p": 0.04})["s2_envelope_p"][0] == "missed"
+    assert words({"max_overlap": 0.021})["max_overlap"][0] == "missed"
+
+
+def test_verdict_counts_only_what_has_a_target():
+    judged = judge(
+        metrics_table({"porosity": 0.3, "porosity_target": 0.3, "coordination": 5, "rattlers": None})
+    )
+    assert verdict(judged) == "All 1 targets are met."
+    assert verdict([]) == "No metric with a target has been computed yet."
+
+
+def test_correction_and_network_values():
+    state = {"contacts": 5, "contact_area_um2": 2.5, "euler": -3}
+    found = correction_values({"scale_factor": 0.99, "before": state, "after": state | {"contacts": 6}})
+    assert found["contacts_before"] == 5
+    assert found["contacts_after"] == 6
+    sizes = {k: np.array([1.0, 2.0]) for k in ("pore_radius_um", "throat_radius_um", "coordination")}
+    moved = {k: v + 1 for k, v in sizes.items()}
+    found = network_values(sizes, moved)
+    assert found["w1_network_pores_um"] == pytest.approx(1)
+    assert len(metrics_table(found)) == 5
+    nothing = {k: np.array([]) for k in sizes}
+    assert network_values(nothing, sizes)["w1_network_pores_um"] is None
+
+
+def test_intervals_are_student_t():
+    rows = pd.DataFrame(
+        {"sample": "s", "variant": ["a"] * 4 + ["b"] * 4, "engine": "physx", "realization": [0, 1, 2, 3] * 2,
+         "porosity": [0.30, 0.32, 0.31, 0.33, 0.35, 0.37, 0.36, 0.38], "k_x_md": np.nan}
+    )  # fmt: skip
+    table = intervals(rows, ["porosity", "k_x_md", "absent"])
+    assert list(table["metric"]) == ["porosity", "porosity"]
+    # 3.182 is the two-sided 95 % point of t with 3 degrees of freedom
+    half = 3.182446 * np.std([0.30, 0.32, 0.31, 0.33], ddof=1) / 2
+    assert table["upper"][0] - table["mean"][0] == pytest.approx(half, rel=1e-6)
+    paired = paired_differences(rows, ["porosity"])
+    assert paired["mean"][0] == pytest.approx(0.05)
+    assert bool(paired["differs"][0])
+    one = paired_differences(rows[rows["realization"] == 0], ["porosity"])
+    assert one["differs"][0] is None
+    assert np.isnan(one["lower"][0])
+
+
+def test_costs_add_up_over_jobs_and_parts(tree):
+    costs = read_costs(sorted((tree / "demo").rglob("*.tsv"))).set_index("rule")
+    assert costs.loc["s2_slices", "jobs"] == 8
+    assert costs.loc["s2_slices", "wall_s"] == pytest.approx(8 * 1.25)
+    assert costs.loc["morphology", "peak_rss_mb"] == 120
+    assert read_costs([]).empty
