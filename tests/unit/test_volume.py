@@ -312,6 +312,17 @@ def test_correction_refuses_a_large_step():
     pd.testing.assert_frame_equal(moved, bodies)
 
 
+def test_correction_says_when_nothing_can_move_in():
+    bodies = bodies_of([(-1, 6.0, 6.0 + 12.0 * np.array(c)) for c in np.ndindex(2, 2, 2)])
+    start = volume.porosity(volume.voxelise(bodies, library_of(), (24, 24, 24), 1.0)[0])
+    moved, report = volume.correct_porosity(bodies, library_of(), (24, 24, 24), 1.0, start - 0.009)
+    # Overlaps only: contracting spheres that fill the region leaves a rim and raises the porosity.
+    assert not report["applied"]
+    assert "grains around the region" in report["reason"]
+    assert report["passes"] <= 6
+    pd.testing.assert_frame_equal(moved, bodies)
+
+
 def test_porosity_and_contacts_of_a_lattice():
     """Simple cubic lattice of touching spheres: porosity 1 - pi/6, three contacts a sphere inside."""
     n, a = 3, 16

@@ -15,8 +15,8 @@ from scipy import fft
 
 AXES = ("z", "y", "x")
 LINES_AT_ONCE = 4096
-RADIAL_POINTS = 2**27
-"""Largest padded volume for which the radial average is taken: its transform needs 16 bytes a point."""
+RADIAL_POINTS = 2**26
+"""Largest padded volume for which the radial average is taken: it needs some 30 bytes a point."""
 
 
 def s2_along(

@@ -11,6 +11,9 @@ from grainfall.volume.scan import Meshes, voxelise
 TOLERANCE = 0.0005
 """Largest porosity error that is left where the correction is applied."""
 
+UNBRACKETED = 4
+"""Steps (each twice the last) after which the target is given up as out of reach."""
+
 
 def correct_porosity(
     bodies: pd.DataFrame,
@@ -60,9 +63,10 @@ def correct_porosity(
 
     Notes
     -----
-    Paper, section "Dual-Stage Gravitational Packing". ``applied`` is False, with the reason, where the step
-    would exceed ``limit`` or no scale within the step range gets within 0.0005 of the target; the grains
-    then stay where they were.
+    Paper, section "Dual-Stage Gravitational Packing". ``applied`` is False, with the reason, where the
+    porosity is there already, the step would exceed ``limit``, or no scale tried gets within 0.0005 of the
+    target; the grains then stay where they were. Contraction is out of reach where no grains lie around the
+    region: the emptied rim outweighs the denser core.
     """
     grains = bodies[bodies["kind"] != "virtual"].reset_index(drop=True)
     centre = 0.5 * voxel_size_um * np.asarray(shape[::-1], float)
@@ -106,8 +110,11 @@ def correct_porosity(
         below = max((p for p in points if p[1] < 0), default=None)
         above = min((p for p in points if p[1] > 0), default=None)
         if below is None or above is None:
-            # Not bracketed yet (few grains leave or enter): walk on by the first step.
+            # Not bracketed: grains that leave or enter made less of a difference than 1 / s^3. Walk on.
+            if len(points) > UNBRACKETED:
+                break
             s += step
+            step *= 2.0
         elif below[0] < above[0]:
             # Regula falsi, kept off the ends so that the bracket shrinks on both sides.
             share = np.clip(below[1] / (below[1] - above[1]), 0.1, 0.9)
@@ -117,11 +124,14 @@ def correct_porosity(
     report["passes"] = passes
     if abs(best[3]) > TOLERANCE:
         nearest = best[3] + target
-        report["reason"] = f"no scale comes within {TOLERANCE:g} of the target (nearest {nearest:.5f})"
+        report["reason"] = (
+            f"no scale within {100 * abs(s - 1):.1f} % comes within {TOLERANCE:g} of the target "
+            f"(nearest porosity {nearest:.5f}); contraction needs grains around the region to move in"
+        )
         return grains, report
     reason = "already within the tolerance" if best_s == 1.0 else "positions scaled"
     report |= {
-        "applied": best_s != 1.0,
+        "applied": bool(best_s != 1.0),
         "reason": reason,
         "scale_factor": float(best_s),
         "after": _describe(best[1], best[2], voxel_size_um),

@@ -12,7 +12,7 @@ PAIR = types.UniTuple(types.int64, 2)
 
 def porosity(phase: np.ndarray) -> float:
     """Fraction of voxels (pixels) that are pore, label 0."""
-    return 1.0 - np.count_nonzero(phase) / phase.size
+    return 1.0 - int(np.count_nonzero(phase)) / phase.size
 
 
 def euler_number(pore: np.ndarray) -> int:

@@ -156,17 +156,13 @@ class _Scene:
         first = np.array([0, 0, z0])
         reach = self.reach[:, None] + 1e-6
         near = ((self.centre + reach >= first) & (self.centre - reach <= last)).all(axis=1)
-        toggled = np.zeros((body.shape[1], body.shape[2] + 1), np.uint8)
         for b in np.flatnonzero(near):
             shape = self.shapes[b]
             if shape == SPHERE:
                 _scan_sphere(self.centre[b], self.scale[b], z0, self.labels[b], self.phases[b], phase, body)
                 continue
             placed = _place(self.vertices[shape], self.rotation[b], self.scale[b], self.centre[b])
-            closed = _scan_mesh(
-                placed, self.faces[shape], z0, self.labels[b], self.phases[b], phase, body, toggled
-            )
-            if not closed:
+            if not _scan_mesh(placed, self.faces[shape], z0, self.labels[b], self.phases[b], phase, body):
                 raise ValueError(f"mesh of shape {shape} is not closed")
 
 
@@ -238,8 +234,8 @@ def _cut(p, q, k):
 
 
 @njit(cache=True, nogil=True)
-def _scan_mesh(vertices, faces, z0, label, phase_label, phase, body, toggled):
-    """Scan one closed mesh; ``toggled`` (ny, nx + 1) comes in and goes out as zeros. False if not closed."""
+def _scan_mesh(vertices, faces, z0, label, phase_label, phase, body):
+    """Scan one closed mesh into the planes from ``z0`` on; False if it is not closed."""
     nz, ny, nx = body.shape
     low, high = vertices[0].copy(), vertices[0].copy()
     for v in range(1, vertices.shape[0]):
@@ -247,16 +243,17 @@ def _scan_mesh(vertices, faces, z0, label, phase_label, phase, body, toggled):
             low[a] = min(low[a], vertices[v, a])
             high[a] = max(high[a], vertices[v, a])
     i0, i1 = max(0, ceil(low[0])), min(nx, ceil(high[0]))
-    j0, j1 = max(0, ceil(low[1])), min(ny - 1, floor(high[1]))
-    closed = True
-    if i0 >= i1 or j0 > j1:
-        return closed
-    for k in range(max(z0, ceil(low[2])), min(z0 + nz - 1, floor(high[2])) + 1):
-        for f in range(faces.shape[0]):
-            a, b, c = vertices[faces[f, 0]], vertices[faces[f, 1]], vertices[faces[f, 2]]
+    j0, j1 = max(0, ceil(low[1])), min(ny, ceil(high[1]))
+    k0, k1 = max(z0, ceil(low[2])), min(z0 + nz, ceil(high[2]))
+    if i0 >= i1 or j0 >= j1 or k0 >= k1:
+        return True
+    # Crossings beyond the region are toggled at its borders: the last column only keeps the row's parity.
+    toggled = np.zeros((k1 - k0, j1 - j0, i1 - i0 + 1), np.uint8)
+    for f in range(faces.shape[0]):
+        a, b, c = vertices[faces[f, 0]], vertices[faces[f, 1]], vertices[faces[f, 2]]
+        bottom, top = min(a[2], b[2], c[2]), max(a[2], b[2], c[2])
+        for k in range(max(k0, ceil(bottom)), min(k1, ceil(top))):
             above_a, above_b, above_c = a[2] > k, b[2] > k, c[2] > k
-            if above_a == above_b and above_b == above_c:
-                continue
             # One vertex is alone on its side of the plane: the cut runs between its two edges.
             if above_b == above_c:
                 x0, y0 = _cut(a, b, k)
@@ -269,17 +266,17 @@ def _scan_mesh(vertices, faces, z0, label, phase_label, phase, body, toggled):
                 x1, y1 = _cut(c, b, k)
             if y1 < y0:
                 x0, y0, x1, y1 = x1, y1, x0, y0
-            for j in range(max(j0, ceil(y0)), min(j1, ceil(y1) - 1) + 1):
+            for j in range(max(j0, ceil(y0)), min(j1, ceil(y1))):
                 x = x0 + (j - y0) / (y1 - y0) * (x1 - x0)
-                toggled[j, min(max(ceil(x), i0), i1)] ^= 1
-        for j in range(j0, j1 + 1):
+                toggled[k - k0, j - j0, min(max(ceil(x), i0), i1) - i0] ^= 1
+    closed = True
+    for k in range(k1 - k0):
+        for j in range(j1 - j0):
             inside = 0
-            for i in range(i0, i1):
-                inside ^= toggled[j, i]
-                toggled[j, i] = 0
-                if inside and body[k - z0, j, i] == 0:
-                    body[k - z0, j, i] = label
-                    phase[k - z0, j, i] = phase_label
-            closed &= inside == toggled[j, i1]
-            toggled[j, i1] = 0
+            for i in range(i1 - i0):
+                inside ^= toggled[k, j, i]
+                if inside and body[k + k0 - z0, j + j0, i + i0] == 0:
+                    body[k + k0 - z0, j + j0, i + i0] = label
+                    phase[k + k0 - z0, j + j0, i + i0] = phase_label
+            closed &= inside == toggled[k, j, i1 - i0]
     return closed
