@@ -159,7 +159,9 @@ def robustness(solid: np.ndarray, truth: np.ndarray) -> pd.DataFrame:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--image", type=Path, required=True, help="classes or mask; non-zero is grain")
     parser.add_argument("--truth", type=Path, required=True, help="*.npz with the array 'labels'")
     parser.add_argument("--out", type=Path, required=True, help="table to write, *.csv")

@@ -1,16 +1,19 @@
 """Report: every twin's metrics, the summary over all twins, figures and the page that judges them."""
 
-BENCHMARKED = {
-    "twin": [
-        "first_packing",
-        "first_volume",
-        "virtual_spheres",
-        "second_packing",
-        "second_volume",
-        "twin",
-    ]
-    + ["measure_slices", "s2_slices", "s2_volume", "network", "flow", "contacts"],
-}
+TWIN_JOBS = [
+    "first_packing",
+    "first_volume",
+    "virtual_spheres",
+    "second_packing",
+    "twin",
+    "measure_slices",
+    "s2_slices",
+    "s2_volume",
+    "network",
+    "flow",
+    "contacts",
+]
+FIGURES = ["block", "section", "sizes", "gallery", "packings", "virtual", "s2", "network"]
 
 
 rule plan:
@@ -46,16 +49,14 @@ rule plan:
 rule metrics:
     input:
         scene=f"{VARIANT}/scene.json",
-        section=f"{SAMPLE}/section.zarr.zip",
+        labels=f"{SAMPLE}/labels.zarr.zip",
         section_grains=f"{VARIANT}/section_grains2d.csv",
         section_pores=f"{VARIANT}/section_pores2d.csv",
-        first=f"{TWIN}/first/volume.zarr.zip",
         second=f"{TWIN}/second/packing.json",
         spheres=f"{TWIN}/virtual_spheres.json",
         correction=f"{TWIN}/correction.json",
         twin=f"{TWIN}/twin.zarr.zip",
         bodies=f"{TWIN}/bodies.csv",
-        second_bodies=f"{TWIN}/second/bodies.csv",
         grains=f"{TWIN}/grains2d.csv",
         pores=f"{TWIN}/pores2d.csv",
         s2_slices=f"{TWIN}/s2_slices.csv",
@@ -66,7 +67,6 @@ rule metrics:
         network_throats=f"{TWIN}/network_throats.csv",
         flow=f"{TWIN}/flow.csv",
         contacts=f"{TWIN}/contacts.json",
-        plan=f"{TWIN}/plan.json",
         reference_flow=where_referenced("reference_flow.csv"),
         reference_pores=where_referenced("reference_network_pores.csv"),
         reference_throats=where_referenced("reference_network_throats.csv"),
@@ -116,3 +116,77 @@ rule summary:
         runtime=5,
     script:
         "../../scripts/summary.py"
+
+
+rule figure:
+    input:
+        sizes=f"{SAMPLE}/sizes.csv",
+        library=f"{SAMPLE}/grains3d",
+        second=f"{TWIN}/second/volume.zarr.zip",
+        plan=f"{TWIN}/plan.json",
+        metrics=f"{TWIN}/metrics.csv",
+        reference_s2=where_referenced("reference_s2.csv"),
+    output:
+        svg=report(
+            f"{TWIN}/figures/{{figure}}.svg",
+            category="{sample}",
+            subcategory="{variant} {realization}",
+            caption="../report/figure.rst",
+            labels={"figure": "{figure}"},
+        ),
+        png=f"{TWIN}/figures/{{figure}}.png",
+    wildcard_constraints:
+        figure="|".join(FIGURES),
+    params:
+        science=science("report"),
+    log:
+        f"{TWIN}/logs/figure_{{figure}}.log",
+    benchmark:
+        f"{TWIN}/benchmarks/figure_{{figure}}.tsv"
+    resources:
+        mem_mb=3000,
+        runtime=10,
+    conda:
+        ENVS["report"]
+    script:
+        "../../scripts/figure.py"
+
+
+rule report_page:
+    input:
+        summary="results/summary.csv",
+        metrics=twins("metrics.csv"),
+        plans=twins("plan.json"),
+        second=twins("second/volume.zarr.zip"),
+        figures=expand(
+            f"{TWIN}/figures/{{figure}}.svg",
+            sample=list(SAMPLES),
+            variant=list(VARIANTS)[:1],
+            realization=REALIZATIONS[0],
+            figure=FIGURES,
+        ),
+        reference_s2=where_referenced("reference_s2.csv"),
+    output:
+        report(
+            "results/report.html",
+            category="Summary",
+            caption="../report/page.rst",
+            labels={"table": "the whole report"},
+        ),
+    params:
+        title=CONFIG["title"],
+        samples=list(SAMPLES),
+        variants=list(VARIANTS),
+        realizations=list(REALIZATIONS),
+        science=science("report"),
+    log:
+        "results/logs/report_page.log",
+    benchmark:
+        "results/benchmarks/rules/report_page.tsv"
+    resources:
+        mem_mb=4000,
+        runtime=20,
+    conda:
+        ENVS["report"]
+    script:
+        "../../scripts/report_page.py"

@@ -173,6 +173,45 @@ def summary_row(
 # ---- pieces of the metrics
 
 
+def packing_values(
+    scene: Mapping,
+    spheres: Mapping,
+    second: Mapping,
+    correction: Mapping,
+    bodies: pd.DataFrame,
+    phase: np.ndarray,
+) -> dict[str, object]:
+    """Porosities, counts and what the final scaling did, from the reports of the packing jobs.
+
+    Parameters
+    ----------
+    scene, spheres, second, correction : mapping
+        scene.json, virtual_spheres.json, second/packing.json, correction.json.
+    bodies : DataFrame
+        bodies.csv.
+    phase : ndarray of uint8, (z, y, x)
+        The twin.
+    """
+    size = np.array(scene["shape_zyx"][::-1]) * scene["voxel_size_um"]
+    centre = bodies[["x", "y", "z"]].to_numpy(float)
+    before, after = correction["before"], correction["after"]
+    return {
+        "porosity": float((phase == 0).mean()),
+        "porosity_target": scene["porosity_target"],
+        "porosity_first": spheres["porosity_first"],
+        "porosity_second": before["porosity"],
+        "n_grains": int(((centre >= 0) & (centre < size)).all(axis=1).sum()),
+        "n_virtual": second["poured"] - second["poured_grains"],
+        "p_sp": second["p_sp"],
+        "asleep": float(bodies["asleep"].mean()),
+        "scale_factor": correction["scale_factor"],
+        **{f"{name}_before": before[name] for name in ("contacts", "euler")},
+        **{f"{name}_after": after[name] for name in ("contacts", "euler")},
+        "contact_area_before_um2": before["contact_area_um2"],
+        "contact_area_after_um2": after["contact_area_um2"],
+    }
+
+
 def section_comparison(
     section_grains: pd.DataFrame | None,
     section_pores: pd.DataFrame | None,

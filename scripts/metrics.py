@@ -1,0 +1,64 @@
+"""Everything measured on one twin against what was asked for, and its row of the summary."""
+
+from _stage import stage
+
+from grainfall import correlation, io, network, random, report
+
+with stage(snakemake) as progress:
+    files, settings = snakemake.input, snakemake.params.settings
+
+    def table(name):
+        return io.read_table(files[name]) if files.get(name) else None
+
+    scene = io.read_json(files.scene)
+    phase, _ = io.read_volume(files.twin, "phase")
+    section, _ = io.read_volume(files.labels, "phase")
+    method = settings["flow"]["methods"][0]
+    reference = None
+    if files.get("reference_pores"):
+        reference = network.element_sizes(network.load(files.reference_pores, files.reference_throats))
+    twin_network = network.element_sizes(network.load(files.network_pores, files.network_throats))
+    costs = report.read_costs(files.benchmarks)
+    s2_volume = table("s2_volume")
+    radial = s2_volume[s2_volume.axis.isin(list("xyz"))].groupby("lag_um", as_index=False).s2.mean()
+    values = {
+        **report.packing_values(
+            scene,
+            io.read_json(files.spheres),
+            io.read_json(files.second),
+            io.read_json(files.correction),
+            table("bodies"),
+            phase,
+        ),
+        **report.phase_values(phase, section),
+        **report.section_comparison(
+            table("section_grains"),
+            table("section_pores"),
+            table("grains"),
+            table("pores"),
+            random.generator(**snakemake.params.stream, chapter="report"),
+        ),
+        "s2_inside_envelope": correlation.inside_cloud(table("envelope"), table("s2_slices")),
+        "s2_envelope_p": io.read_json(files.envelope_test)["p"],
+        "specific_surface_per_um": correlation.specific_surface(radial.lag_um, radial.s2),
+        **report.network_values(twin_network, reference),
+        **report.flow_values(table("flow"), table("reference_flow"), method),
+        **{k: v for k, v in io.read_json(files.contacts).items() if k in report.METRICS},
+        "wall_s": costs.wall_s.sum(),
+        "peak_rss_mb": costs.peak_rss_mb.max(),
+    }
+    metrics = report.metrics_table(values)
+    io.write_table(snakemake.output.metrics, metrics)
+    origin = snakemake.wildcards
+    row = report.summary_row(
+        origin.sample,
+        origin.variant,
+        int(origin.realization),
+        settings["packing"]["engine"],
+        phase.shape,
+        scene["voxel_size_um"],
+        metrics,
+        method,
+    )
+    io.write_table(snakemake.output.summary, row)
+    progress.say(report.verdict(report.judge(metrics)))
