@@ -196,3 +196,32 @@ def test_weighted_sizes_are_unbiased_where_the_naive_are_not():
     assert naive == pytest.approx(expected, abs=3 * naive_error)
     assert weighted == pytest.approx(0.5, abs=3 * weighted_error)
     assert abs(naive - 0.5) > 5 * naive_error
+
+
+def test_pore_circles_of_small_windows_are_those_of_the_whole():
+    """A Boolean model of discs: weighted circles in windows of 5 radii have the mean of the whole image.
+
+    The circle is the counted object: were it the pore, which runs on and on, large circles would be lost.
+    """
+    rng = np.random.default_rng(2)
+    size, window = 1500, 150
+    phase = np.zeros((size, size), np.uint8)
+    for _ in range(int(0.9 * size**2 / (np.pi * 20**2))):
+        r = rng.uniform(10, 28)
+        cy, cx = rng.uniform(0, size, 2)
+        part = tuple(slice(max(int(c - r), 0), int(c + r) + 2) for c in (cy, cx))
+        y, x = np.mgrid[part][:, : phase[part].shape[0], : phase[part].shape[1]] + 0.5
+        phase[part] |= (y - cy) ** 2 + (x - cx) ** 2 < r * r
+    whole = inscribed_circles(split_pores(phase), 1.0)
+    tables = [
+        inscribed_circles(split_pores(phase[i : i + window, j : j + window]), 1.0)
+        for i in range(0, size, window)
+        for j in range(0, size, window)
+    ]
+    parts = pd.concat(tables)
+    parts = parts[~parts.border]
+    weight = sampling_weights(parts.width_um, parts.height_um, parts.border, (window, window))
+    expected = np.average(whole.r_um, weights=whole.weight)
+    error = 3 * parts.r_um.std() / np.sqrt(len(parts))
+    assert np.average(parts.r_um, weights=weight) == pytest.approx(expected, abs=error)
+    assert parts.r_um.mean() < expected - 2 * error

@@ -25,7 +25,7 @@ def discs(shape, centres, radii):
 
 
 @pytest.mark.parametrize("radius", [20, 60])
-@pytest.mark.parametrize("neck", [0.5, 0.8, 0.85, 0.95])
+@pytest.mark.parametrize("neck", [0.5, 0.8, 0.98])
 @pytest.mark.parametrize("persistence", [0.1, 0.3])
 def test_two_equal_discs_are_split_where_their_neck_is_narrow_enough(radius, neck, persistence):
     """Half the common chord of two discs at distance c is √(R² − c²/4): a saddle of known height."""
@@ -36,10 +36,7 @@ def test_two_equal_discs_are_split_where_their_neck_is_narrow_enough(radius, nec
         [(centre, centre), (centre, centre + 2 * half)],
         [radius] * 2,
     )
-    digitisation = 1 / radius
-    if abs(1 - neck - persistence) < 1.5 * digitisation:
-        pytest.skip("within a pixel of the threshold")
-    expected = 2 if 1 - neck > max(persistence, digitisation) else 1
+    expected = 2 if 1 - neck > persistence else 1
     assert split_grains(image, persistence=persistence).max() == expected
 
 
@@ -100,6 +97,30 @@ def test_specks_get_no_label_and_are_counted():
     speck = np.count_nonzero(phase[:, 40:])
     assert report == {"objects": 1, "speck_fraction": speck / np.count_nonzero(phase)}
     assert split_grains(phase, min_radius_px=0).max() == 2
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.002, 0.01])
+def test_pinholes_do_not_break_grains(noise):
+    """Wrong pixels are specks: as many grains as without them, each with its area."""
+    rng = np.random.default_rng(8)
+    centres = [(40, 40), (40, 108), (110, 75)]
+    phase = discs((150, 150), centres, [35, 35, 36])
+    noisy = np.where(rng.random(phase.shape) < noise, rng.integers(0, 3, phase.shape), phase).astype(np.uint8)
+    labels = split_grains(noisy)
+    assert labels.max() == 3
+    for (y, x), r in zip(centres, [35, 35, 36], strict=True):
+        grain = labels == np.bincount(labels[y - 5 : y + 5, x - 5 : x + 5].ravel())[1:].argmax() + 1
+        assert grain.sum() == pytest.approx(np.pi * r * r, rel=0.02 + noise)
+        assert set(np.unique(noisy[grain])) == {1}
+
+
+def test_a_speck_in_a_pore_is_an_obstacle():
+    """Grains forget it; pores do not."""
+    phase = np.ones((60, 60), np.uint8)
+    phase[10:50, 10:50] = 0
+    phase[29:31, 29:31] = 1
+    assert (split_pores(phase) > 0).sum() == 40 * 40 - 4
+    assert not split_grains(phase)[29:31, 29:31].any()
 
 
 def test_outlines_are_taken_as_they_are():

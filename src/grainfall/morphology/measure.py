@@ -126,7 +126,8 @@ def grain_masks(labels: np.ndarray, table: pd.DataFrame) -> list[np.ndarray]:
     Returns
     -------
     list of (h + 2, w + 2) ndarray of bool
-        In the order of the table's rows with ``border`` false, each with a rim of one empty pixel.
+        In the order of the table's rows with ``border`` false, each with a rim of one empty pixel and with
+        its holes filled.
     """
-    images = {region.label: region.image for region in regionprops(labels)}
+    images = {region.label: region.image_filled for region in regionprops(labels)}
     return [np.pad(images[grain], 1) for grain in table.loc[~table["border"], "grain"]]

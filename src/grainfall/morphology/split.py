@@ -47,13 +47,15 @@ def split_grains(
         :math:`h` in [0, 1). 0 keeps every maximum that digitisation does not explain; towards 1 nothing is
         split.
     min_radius_px : float
-        Specks of a smaller equivalent radius √(S/π), in pixels, get no label. Their pixels stay what they are
-        in `phase`, so area fractions are unharmed; :func:`coverage` says how many they are.
+        Specks of a smaller equivalent radius √(S/π), in pixels, get no label, and as holes (of pore or of
+        another mineral) they do not disturb the distance map of the grain around them. Their pixels stay what
+        they are in `phase`, so area fractions are unharmed; :func:`coverage` says how many they are.
 
     Returns
     -------
     labels : (y, x) ndarray of int32
-        0 where there is no grain, 1…n grains in order of their first pixel; each is 4-connected.
+        0 where there is no grain, 1…n grains in order of their first pixel; each is one 4-connected piece
+        (specks in it aside).
 
     Raises
     ------
@@ -62,7 +64,9 @@ def split_grains(
     """
     phase = _image(phase)
     if instances is None:
-        return _split(phase, persistence, min_radius_px)
+        healed = _heal(phase, _pieces(phase.astype(np.int32) + 1), np.pi * min_radius_px**2)
+        labels = _split(healed, persistence)
+        return _resolved(np.where(healed == phase, labels, 0), min_radius_px)
     if np.shape(instances) != phase.shape:
         raise InputError("instances", f"shape {np.shape(instances)}", f"{phase.shape}, as the phase map")
     outlined = np.where(phase > 0, np.asarray(instances).astype(np.int64), 0)
@@ -76,6 +80,8 @@ def split_pores(
 ) -> np.ndarray:
     """Part the pore space into pores, by the rule of :func:`split_grains`.
 
+    Specks of solid count in full: what lies in a pore is an obstacle, however small.
+
     Parameters
     ----------
     phase : (y, x) ndarray of uint8
@@ -88,7 +94,7 @@ def split_pores(
     labels : (y, x) ndarray of int32
         0 in the solid and in specks, 1…n pores.
     """
-    return _split((_image(phase) == 0).astype(np.uint8), persistence, min_radius_px)
+    return _resolved(_split((_image(phase) == 0).astype(np.uint8), persistence), min_radius_px)
 
 
 def coverage(labels: np.ndarray, inside: np.ndarray) -> dict[str, float]:
@@ -118,7 +124,7 @@ def _image(phase: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(phase, dtype=np.uint8)
 
 
-def _split(phase: np.ndarray, persistence: float, min_radius_px: float) -> np.ndarray:
+def _split(phase: np.ndarray, persistence: float) -> np.ndarray:
     if not 0 <= persistence < 1:
         raise InputError("persistence", f"{persistence} is out of range", "0 ≤ persistence < 1")
     # A frame of pore stops the flood; the image's edge itself is no boundary of a grain (black_border=False).
@@ -131,7 +137,7 @@ def _split(phase: np.ndarray, persistence: float, min_radius_px: float) -> np.nd
     inside = np.flatnonzero(flat)
     order = inside[np.argsort(-flat[inside], kind="stable")]
     labels = _flood(flat, framed.ravel(), order, distance.shape[1], persistence, DIGITISATION_PX)
-    return _resolved(labels.reshape(distance.shape)[1:-1, 1:-1], min_radius_px)
+    return labels.reshape(distance.shape)[1:-1, 1:-1]
 
 
 @njit(cache=True)
@@ -192,6 +198,36 @@ def _pieces(values: np.ndarray) -> np.ndarray:
     from skimage.measure import label
 
     return label(values, background=0, connectivity=1)
+
+
+@njit(cache=True)
+def _heal(values, pieces, limit):
+    """`values` with every piece of fewer pixels than `limit` replaced by what surrounds it."""
+    healed = values.copy()
+    rows, columns = values.shape
+    area = np.zeros(pieces.max() + 1, np.int64)
+    for i in range(rows):
+        for j in range(columns):
+            area[pieces[i, j]] += 1
+    if area.max() < limit:
+        return healed
+    open_ = [(i, j) for i in range(rows) for j in range(columns) if area[pieces[i, j]] < limit]
+    known = np.ones(values.shape, np.bool_)
+    for i, j in open_:
+        known[i, j] = False
+    while len(open_) > 0:
+        left = [(0, 0)][:0]
+        for i, j in open_:
+            for di, dj in ((-1, 0), (0, -1), (0, 1), (1, 0)):
+                v, u = i + di, j + dj
+                if 0 <= v < rows and 0 <= u < columns and known[v, u]:
+                    healed[i, j] = healed[v, u]
+                    known[i, j] = True
+                    break
+            else:
+                left.append((i, j))
+        open_ = left
+    return healed
 
 
 def _resolved(labels: np.ndarray, min_radius_px: float) -> np.ndarray:
