@@ -12,6 +12,8 @@ import pandas as pd
 from scipy.spatial import ConvexHull, cKDTree
 from scipy.spatial.transform import Rotation
 
+from grainfall.volume import adjacent_pairs
+
 if TYPE_CHECKING:
     from grainfall.grains import Library
 
@@ -71,8 +73,6 @@ def find_contacts(
         table[name] = pairs[name]
     table["area_um2"] = np.nan
     if body_volume is not None:
-        from grainfall.volume import adjacent_pairs
-
         shared = adjacent_pairs(body_volume, voxel_size_um)
         area = shared.set_index([shared["body_a"] - 1, shared["body_b"] - 1])["area_um2"]
         found = area.reindex(pd.MultiIndex.from_frame(table[["grain_a", "grain_b"]])).to_numpy()

@@ -105,8 +105,8 @@ def _snow2(pore: np.ndarray, voxel_size_um: float, *, sigma: float = 0.4, r_max:
     """SNOW (Gostick 2017) by PoreSpy: the steps of ``porespy.networks.snow2`` in series, so that no number of
     threads or chunks changes the result, with two repairs:
 
-    - the watershed of PoreSpy floods through the solid, so a region can hold voxels of several unconnected
-      parts of the pore space, which would then conduct between each other: every part becomes a region;
+    - the watershed of PoreSpy floods through the solid into closed parts of the pore space that got no
+      marker, and such a part, taken by two regions, links them: it becomes a region of its own;
     - boundary pores are those outside the faces, not those of extreme coordinates, which are interior pores
       where nothing opens onto a face.
     """
@@ -117,10 +117,12 @@ def _snow2(pore: np.ndarray, voxel_size_um: float, *, sigma: float = 0.4, r_max:
     for axis, repeat in enumerate(repeats):
         image = np.repeat(image, repeat, axis=axis)
     with _quiet_porespy() as porespy:
-        parts = porespy.filters.snow_partitioning(image, sigma=sigma, r_max=r_max).regions.astype(np.int64)
-        # where a part of the pore space was left without a marker, the whole part is one region
-        parts = np.where(image, parts, -1)
-        regions = label(parts, background=-1, connectivity=1)
+        snow = porespy.filters.snow_partitioning(image, sigma=sigma, r_max=r_max)
+        components = label(image, connectivity=1)
+        marked = np.zeros(components.max() + 1, bool)
+        marked[components[snow.peaks > 0]] = True
+        parts = np.where(marked[components], snow.regions.astype(np.int64), snow.regions.max() + components)
+        regions = label(parts * image, connectivity=1)
         n_interior = int(regions.max())
         regions = porespy.networks.add_boundary_regions(regions, pad_width=width)
         padded = np.pad(image, width, mode="edge").astype(np.uint8)
@@ -245,7 +247,9 @@ def coordination_numbers(network: Network) -> np.ndarray:
 
 
 def element_sizes(network: Network) -> dict[str, np.ndarray]:
-    """Sizes to compare networks by: interior pores and the throats between them.
+    """Sizes to compare networks by: of interior pores with a throat, and of throats between interior pores.
+
+    Pores without throats are left out: nearly all are specks of a few voxels cut off by the resolution.
 
     Returns
     -------
@@ -253,12 +257,14 @@ def element_sizes(network: Network) -> dict[str, np.ndarray]:
         ``pore_radius_um``: of the largest sphere about the pore's centre in the whole pore space;
         ``throat_radius_um``: of the largest sphere in the throat; ``coordination``: throats a pore.
     """
-    interior = ~network["pore.boundary"]
-    inner = interior[network["throat.conns"]].all(axis=1)
+    coordination = coordination_numbers(network)
+    inner = ~network["pore.boundary"]
+    linked = inner & (coordination > 0)
     return {
-        "pore_radius_um": network["pore.extended_diameter"][interior] / 2,
-        "throat_radius_um": network["throat.inscribed_diameter"][inner] / 2,
-        "coordination": coordination_numbers(network)[interior],
+        "pore_radius_um": network["pore.extended_diameter"][linked] / 2,
+        "throat_radius_um": network["throat.inscribed_diameter"][inner[network["throat.conns"]].all(axis=1)]
+        / 2,
+        "coordination": coordination[linked],
     }
 
 

@@ -179,7 +179,6 @@ def test_no_pairs(n):
 
 
 def test_contact_area_of_two_boxes():
-    pytest.importorskip("grainfall.volume")
     volume = np.zeros((10, 10, 12), np.int32)
     volume[2:8, 2:8, 1:6], volume[3:9, 2:8, 6:11] = 1, 2
     table = bodies([[7.0, 10, 10], [17.0, 10, 12]], scale=1.0, shape=[0, 0])
@@ -191,7 +190,6 @@ def test_contact_area_of_two_boxes():
 
 
 def test_area_outside_the_volume_is_unknown_and_inside_it_is_zero_where_no_faces_meet():
-    pytest.importorskip("grainfall.volume")
     table = bodies([[2, 2, 2], [4, 2, 2], [20, 2, 2], [22, 2, 2]])
     area = contacts.find_contacts(table, library(), np.zeros((6, 6, 6), np.int32), 1.0)["area_um2"]
     assert area[0] == 0

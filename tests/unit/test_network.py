@@ -128,8 +128,29 @@ def test_openpnm_network_is_in_metres_and_keeps_the_measured_lengths(extracted):
 def test_every_throat_is_counted_at_both_ends(extracted):
     numbers = network.coordination_numbers(extracted)
     assert numbers.sum() == 2 * len(extracted["throat.conns"])
-    sizes = network.element_sizes(extracted)
-    assert len(sizes["coordination"]) == np.count_nonzero(~extracted["pore.boundary"])
+
+
+def test_sizes_of_two_balls_and_a_speck():
+    pore = dumbbell()
+    pore[2, 2, 2] = True
+    net = network.extract(pore, 3.0)
+    assert len(net["pore.coords"]) == 3
+    sizes = network.element_sizes(net)
+    assert sizes["coordination"].tolist() == [1, 1]
+    assert sizes["pore_radius_um"] == pytest.approx([18, 18], abs=3)
+    assert sizes["throat_radius_um"] == pytest.approx([6], abs=1.5)
+    assert network.summarise(net).set_index("element").loc["coordination", "mean"] == 1
+
+
+def test_a_speck_on_the_watershed_links_nothing():
+    # PoreSpy floods through the solid: a closed part without a marker would belong to both sides, a link
+    pore = dumbbell(radius=6.0)
+    pore[:, :, 14:16] = False
+    alone = network.extract(pore, 1.0)
+    pore[12:18, 12:18, 14:16] = False
+    pore[21:23, 14:16, 12:18] = True
+    net = network.extract(pore, 1.0)
+    assert len(alone["throat.conns"]) == len(net["throat.conns"]) == 0
 
 
 def test_mistakes_are_named(tmp_path):
