@@ -1,4 +1,4 @@
-"""Grains dropped under gravity by a rigid-body engine: what is poured, how it settles, and virtual spheres."""
+"""Grains dropped under gravity by a rigid-body engine: what is poured, how it settles."""
 
 from grainfall.packing.deposition import Box, container, deposit
 from grainfall.packing.mixing import Mixture, draw_population, phase_probabilities

@@ -20,9 +20,9 @@ WALLS = (
 class Bullet:
     """:class:`grainfall.packing.engine.Engine` on Bullet's sequential impulses.
 
-    Bullet surrounds a hull by a fixed collision margin (0.001 engine units here, so a thousandth of a mean grain
-    radius), which is why lengths are scaled to grains of order 1. Planes are half-spaces: a grain pushed through
-    one is pushed back, so none can leave.
+    Bullet surrounds a hull by a fixed collision margin (0.001 engine units here, so a thousandth of a mean
+    grain radius), which is why lengths are scaled to grains of order 1. Planes are half-spaces: a grain
+    pushed through one is pushed back, so none can leave.
     """
 
     version = f"Bullet {bullet.getAPIVersion()} (pybullet)"
@@ -111,6 +111,15 @@ class Bullet:
             position, (x, y, z, w) = bullet.getBasePositionAndOrientation(self._bodies[i], self._client)
             bullet.removeBody(self._bodies[i], self._client)
             self._bodies[i] = self._body(self._shapes[i], 0.0, position, (w, x, y, z))
+
+    def contacts(self) -> tuple[np.ndarray, np.ndarray]:
+        number = {body: i for i, body in enumerate(self._bodies)}
+        deepest: dict[tuple[int, int], float] = {}
+        for point in bullet.getContactPoints(physicsClientId=self._client):
+            a, b = number.get(point[1]), number.get(point[2])
+            if a is not None and b is not None:
+                deepest[a, b] = min(point[8], deepest.get((a, b), np.inf))
+        return np.array(list(deepest), int).reshape(-1, 2), np.array(list(deepest.values()), float)
 
     def close(self) -> None:
         bullet.disconnect(self._client)

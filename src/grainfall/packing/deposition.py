@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 import pandas as pd
@@ -88,8 +88,8 @@ def container(roi_um: float | tuple[float, float, float], diameter_um: float, ma
 
 @dataclass
 class Report:
-    """What a deposition did, for packing.json. Speeds and energies are in engine units (grain radius 1, density
-    as in the parameters)."""
+    """What a deposition did, for packing.json. Speeds and energies are in engine units (grain radius 1,
+    density as in the parameters)."""
 
     engine: str = ""
     unit_um: float = 0.0
@@ -123,16 +123,16 @@ def deposit(
 ) -> pd.DataFrame:
     """Pour grains into the box and let them settle.
 
-    Grains are released in batches, at random positions and orientations, a few radii above the bed. A body that
-    stays below ``sleep_speed`` for ``sleep_steps`` consecutive steps (looked at every :data:`LOOK` steps) is fixed
-    in place; only the bodies above the fixed bed are simulated, so a step costs the same at any depth. Pouring goes
-    on until the settled surface over the ROI is ``box.margin_um`` above it.
+    Grains are released in batches, at random positions and orientations, a few radii above the bed. A body
+    that stays below ``sleep_speed`` for ``sleep_steps`` consecutive steps (looked at every :data:`LOOK`
+    steps) is fixed in place; only the bodies above the fixed bed are simulated, so a step costs the same at
+    any depth. Pouring goes on until the settled surface over the ROI is ``box.margin_um`` above it.
 
     Parameters
     ----------
     population : DataFrame
-        The supply in pour order: kind (``grain`` or ``virtual``), phase, shape (-1: sphere), scale (equal-volume
-        radius, um). It is poured as far as needed and, should it run out, again from its start.
+        The supply in pour order: kind (``grain`` or ``virtual``), phase, shape (-1: sphere), scale
+        (equal-volume radius, um). It is poured as far as needed and, should it run out, again from its start.
     library : grainfall.grains.Library
         Shapes: ``vertices``, ``faces``, equal-volume radius 1, centre of mass at the origin.
     box : Box
@@ -159,7 +159,7 @@ LOOK = 10
 """Steps between two looks at the speeds of the moving bodies."""
 
 RELEASE_FRACTION = 0.12
-"""Bounding-sphere fraction of the zone that a batch is released into: random sequential addition stays easy."""
+"""Bounding-sphere fraction of the zone that a batch is released into: random addition stays easy."""
 
 TRIES = 200
 """Random places tried for one grain before it waits for the next batch."""
@@ -223,15 +223,13 @@ class _Deposition:
                 break
         self._read(np.flatnonzero(~self.fixed), orientations=True)
         self.engine.close()
+        report.max_overlap, report.mean_overlap = self._overlaps()
         bodies = self._table()
         self._describe(report, bodies)
-        bodies.attrs["report"] = {k: v for k, v in report.__dict__.items()}
+        bodies.attrs["report"] = asdict(report)
         return bodies
 
-    # --- the supply ---------------------------------------------------------------------------------------------
-
-    def _row(self) -> int:
-        return self.next % len(self.kind)
+    # --- the supply -------------------------------------------------------------------------------
 
     def _expected(self) -> int:
         volume = 4 / 3 * np.pi * (self.radius**3).mean()
@@ -288,16 +286,7 @@ class _Deposition:
         self.idle = 0
 
     def _add(self, row: int, place: np.ndarray, quaternion: np.ndarray, velocity: np.ndarray) -> None:
-        shape, r = self.shapes[self.shape[row]], self.radius[row]
-        mass = self.parameters.density * 4 / 3 * np.pi * r**3
-        exact = self.parameters.density * shape.inertia * r**5
-        solid = Solid(
-            points=None if shape.points is None else shape.points * r,
-            radius=self.bound[row],
-            mass=mass,
-            inertia=exact if self.parameters.inertia == "exact" else np.ones(3),
-        )
-        self.engine.add(solid, place, quaternion, velocity)
+        self.engine.add(self._solid(row), place, quaternion, velocity)
         self.rows.append(row)
         self.position = np.vstack([self.position, place])
         self.quaternion = np.vstack([self.quaternion, quaternion])
@@ -306,7 +295,18 @@ class _Deposition:
         self.fixed = np.append(self.fixed, False)
         self.size = np.append(self.size, self.bound[row])
 
-    # --- the dynamics -------------------------------------------------------------------------------------------
+    def _solid(self, row: int) -> Solid:
+        shape, r = self.shapes[self.shape[row]], self.radius[row]
+        mass = self.parameters.density * 4 / 3 * np.pi * r**3
+        exact = self.parameters.density * shape.inertia * r**5
+        return Solid(
+            points=None if shape.points is None else shape.points * r,
+            radius=self.bound[row],
+            mass=mass,
+            inertia=exact if self.parameters.inertia == "exact" else np.ones(3),
+        )
+
+    # --- the dynamics -----------------------------------------------------------------------------
 
     def _advance(self) -> None:
         active = np.flatnonzero(~self.fixed)
@@ -330,8 +330,8 @@ class _Deposition:
             return
         before = self.position[ids]
         self.position[ids] = self.engine.positions(ids)
-        # The mean velocity since the last look. Solvers leave a jitter of about g dt / 2 in the velocity itself of
-        # bodies that do not move at all.
+        # The mean velocity since the last look. Solvers leave a jitter of about g dt / 2 in the velocity
+        # itself of bodies that do not move at all.
         self.speed[ids] = np.linalg.norm(self.position[ids] - before, axis=1) / (LOOK * self.parameters.dt)
 
     def surface(self, among: np.ndarray) -> float:
@@ -348,7 +348,28 @@ class _Deposition:
         np.maximum.at(top, tuple(index[inside].T), heights[inside])
         return float(np.quantile(top, 0.1))
 
-    # --- the result ---------------------------------------------------------------------------------------------
+    def _overlaps(self) -> tuple[float, float]:
+        """Largest and mean penetration of touching collision shapes, in radii of the smaller of the two.
+
+        The final poses are given to the engine's own narrow phase as they are, all bodies free, for one step
+        too short to move them.
+        """
+        still = replace(self.parameters, dt=1e-6, gravity=1e-6)
+        engine = start(still, *self.sides)
+        zero = np.zeros(3)
+        for row, place, quaternion in zip(self.rows, self.position, self.quaternion, strict=True):
+            engine.add(self._solid(row), place, quaternion, zero)
+        engine.step(1)
+        pairs, gaps = engine.contacts()
+        engine.close()
+        if not len(gaps):
+            return 0.0, 0.0
+        radius = self.radius[self.rows]
+        depth = np.maximum(-gaps, 0) / radius[pairs].min(axis=1)
+        touching = gaps < 1e-3
+        return float(depth.max()), float(depth[touching].mean()) if touching.any() else 0.0
+
+    # --- the result -------------------------------------------------------------------------------
 
     def _table(self) -> pd.DataFrame:
         rows = np.array(self.rows)
@@ -405,7 +426,7 @@ class _Deposition:
 
 
 FALLING = 1.0
-"""Speed, engine units / s, above which a body counts as still falling (free fall over a twentieth of a radius)."""
+"""Speed, engine units / s, above which a body still falls: that of a fall over a twentieth of a radius."""
 
 
 def collision_shapes(library, ids, hull_vertices: int) -> dict[int, CollisionShape]:

@@ -54,6 +54,12 @@ class Engine(Protocol):
     def fix(self, ids: np.ndarray) -> None:
         """Fix moving bodies in place for good: they carry others and cost no more."""
 
+    def contacts(self) -> tuple[np.ndarray, np.ndarray]:
+        """Pairs (n, 2) of moving bodies near each other at the last step's start and their gaps (n,).
+
+        A negative gap is the depth of penetration of the collision shapes.
+        """
+
     def close(self) -> None:
         """Free what the engine holds."""
 

@@ -57,7 +57,8 @@ def phase_probabilities_linear(
     ----------
     fractions, mean_volumes : (M,) float
     as_printed : bool
-        Leave the term out, as printed, to show what comes of it: phi = (1/2, 1/2) and equal volumes give (1, 0).
+        Leave the term out, as printed, to show what comes of it: phi = (1/2, 1/2) and equal volumes give
+        (1, 0).
     """
     phi, v = _checked(fractions, mean_volumes)
     last = 0.0 if as_printed else v[-1]
@@ -150,10 +151,11 @@ class Mixture:
 def draw_population(mixture: Mixture, library, volume_um3: float, rng: np.random.Generator) -> pd.DataFrame:
     """Bodies to pour, in order, of a given total volume.
 
-    Kinds follow each other by quota: the next body is always of the component farthest behind its number share, so
-    every batch holds the right mix to within one grain. Radii of a component run through its quantiles in steps of
-    the golden ratio from a random start: any stretch of the supply is a stratified sample. A grain's shape is drawn
-    at random among the library's shapes of its phase in the nearest size class (``r2d_um``).
+    Kinds follow each other by quota: the next body is always of the component farthest behind its number
+    share, so every batch holds the right mix to within one grain. Radii of a component run through its
+    quantiles in steps of the golden ratio from a random start: any stretch of the supply is a stratified
+    sample. A grain's shape is drawn at random among the library's shapes of its phase in the nearest size
+    class (``r2d_um``).
 
     Parameters
     ----------
@@ -221,7 +223,8 @@ def _interleave(shares: np.ndarray, n: int) -> np.ndarray:
 def _shapes(table: pd.DataFrame, phase: int, radii: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """A shape for each radius: at random among the tenth of the phase's shapes (at least 3) nearest in size.
 
-    Nearest in rank, not in micrometres: sections are smaller than their grains, and unfolding moves both ends.
+    Nearest in rank, not in micrometres: sections are smaller than their grains, and unfolding moves both
+    ends.
     """
     mine = table[table["phase"] == phase].sort_values(["r2d_um", "shape"])
     if mine.empty:

@@ -11,9 +11,9 @@ from grainfall.errors import InputError
 class Parameters:
     """Everything that governs how grains fall and come to rest.
 
-    All lengths are scaled so that the mean grain radius is 1 in engine units. Rigid grains under gravity have no
-    length of their own, so with gravity 9.8 one engine second stands for sqrt(R_mean / 1 m) real seconds: the
-    packing depends on ratios only (friction, restitution, dt * sqrt(g / R), thresholds over sqrt(g R)).
+    All lengths are scaled so that the mean grain radius is 1 in engine units. Rigid grains under gravity have
+    no length of their own, so with gravity 9.8 one engine second stands for sqrt(R_mean / 1 m) real seconds:
+    the packing depends on ratios only (friction, restitution, dt * sqrt(g / R), thresholds over sqrt(g R)).
 
     Parameters
     ----------
@@ -30,12 +30,14 @@ class Parameters:
     bounce_speed : float
         Approach speed, engine units / s, below which a contact does not bounce (2 is PhysX's own default).
     angular_damping : float
-        Rate, 1/s, at which spin decays: the only rolling resistance a sphere has (0.05 is PhysX's own default).
+        Rate, 1/s, at which spin decays: the only rolling resistance a sphere has (0.05 is PhysX's own
+        default).
     density : float
         Solid density, mass per cubed engine unit. It scales forces, not the packing.
     inertia : {"exact", "paper"}
-        ``exact``: the mesh's own principal moments; ``paper``: the diagonal (1, 1, 1) for every grain whatever its
-        size, which makes a mean grain spin about four times too easily and a small one hardly at all.
+        ``exact``: the mesh's own principal moments; ``paper``: the diagonal (1, 1, 1) for every grain
+        whatever its size, which makes a mean grain spin about four times too easily and a small one hardly at
+        all.
     sleep_speed : float
         Translational speed, engine units / s, below which a body counts as resting.
     sleep_steps : int
@@ -45,7 +47,8 @@ class Parameters:
     hull_vertices : int
         Most vertices of a grain's convex collision shape.
     contact_offset : float
-        Distance, engine units, at which PhysX starts to build a contact (speculative: it does not hold grains apart).
+        Distance, engine units, at which PhysX starts to build a contact (speculative: it does not hold grains
+        apart).
     drop_height : float
         Clear height above the bed from which grains are released, mean grain radii.
     batch_layers : float

@@ -25,10 +25,10 @@ WALLS = (  # a plane keeps bodies on the side its +x axis points to; rotations o
 
 
 class PhysX:
-    """:class:`grainfall.packing.engine.Engine` on PhysX: TGS solver, persistent manifolds, enhanced determinism.
+    """:class:`grainfall.packing.engine.Engine` on PhysX: TGS solver, enhanced determinism.
 
-    A fixed body leaves the dynamics and returns as a static one of the same shape and pose, so that a step costs
-    what the moving bodies cost. The scene runs on the calling thread only.
+    A fixed body leaves the dynamics and returns as a static one of the same shape and pose, so that a step
+    costs what the moving bodies cost. The scene runs on the calling thread only.
     """
 
     version = f"PhysX 5 (sapien {sapien.__version__})"
@@ -111,6 +111,16 @@ class PhysX:
             static.attach(self._shape(self._solids[i]))
             self._enter(static, pose.p, pose.q)
             self._bodies[i] = None
+
+    def contacts(self) -> tuple[np.ndarray, np.ndarray]:
+        number = {body: i for i, body in enumerate(self._bodies) if body is not None}
+        pairs, gaps = [], []
+        for contact in self._system.get_contacts():
+            pair = [number.get(body) for body in contact.bodies]
+            if None not in pair and contact.points:
+                pairs.append(pair)
+                gaps.append(min(point.separation for point in contact.points))
+        return np.array(pairs, int).reshape(-1, 2), np.array(gaps, float)
 
     def close(self) -> None:
         self._bodies.clear()

@@ -16,7 +16,8 @@ class CollisionShape:
     Attributes
     ----------
     points : (n, 3) ndarray or None
-        Convex collision vertices in the principal frame, centre of mass of the *mesh* at the origin; None: sphere.
+        Convex collision vertices in the principal frame, centre of mass of the *mesh* at the origin; None:
+        sphere.
     bound : float
         Radius of the bounding sphere about the centre of mass.
     inertia : (3,) ndarray
@@ -46,8 +47,8 @@ def unit_sphere() -> CollisionShape:
 def reduce_hull(points: np.ndarray, n: int) -> np.ndarray:
     """A polytope with at most ``n`` vertices, of the same volume and centroid as the hull of ``points``.
 
-    Vertices are added one at a time, always the point farthest outside, as quickhull does. Such a polytope lies
-    inside the hull (at 32 vertices a sphere loses a sixth of its volume, and grains packed with it would
+    Vertices are added one at a time, always the point farthest outside, as quickhull does. Such a polytope
+    lies inside the hull (at 32 vertices a sphere loses a sixth of its volume, and grains packed with it would
     interpenetrate), so it is then scaled about its centroid to the hull's volume.
 
     Parameters

@@ -44,7 +44,8 @@ def sphere_probability(target: float, first: float, v_sphere: float, v_grain: fl
 
 @dataclass(frozen=True)
 class VirtualSizes:
-    """Number densities on common bins, per um: what the section has, the first packing has, and the spheres get.
+    """Number densities on common bins, per um: what the section has, the first packing has, and the spheres
+    get.
 
     Attributes
     ----------
@@ -82,7 +83,7 @@ class VirtualSizes:
 
     @property
     def mean_volume(self) -> float:
-        """Mean volume of a virtual sphere, um^3: the exact fourth-power integral over the bins; 0 for none."""
+        """Mean volume of a virtual sphere, um^3 (density constant within a bin); 0 for none."""
         fourth = np.diff(self.edges_um**4) / 4
         return float(4 / 3 * np.pi * (self.used * fourth).sum())
 
@@ -103,17 +104,18 @@ class VirtualSizes:
 def virtual_sizes(target, first, *, largest_um: float | None = None) -> VirtualSizes:
     """Sizes of the virtual spheres: target minus first packing, where positive, normalised.
 
-    Both are number densities that integrate to 1; they are put on the union of their bins first, which is exact
-    for piecewise constant densities (bins of different width cannot be subtracted one by one).
+    Both are number densities that integrate to 1; they are put on the union of their bins first, which is
+    exact for piecewise constant densities (bins of different width cannot be subtracted one by one).
 
     Parameters
     ----------
     target, first : SizeDistribution or None
-        ``edges_um`` and ``f3d`` of the pore circles of the section and of slices of the first packing; None where
-        no pore circle was found.
+        ``edges_um`` and ``f3d`` of the pore circles of the section and of slices of the first packing; None
+        where no pore circle was found.
     largest_um : float, optional
-        Largest radius that a packing can hold, for example a quarter of the region of interest: a sphere wider
-        than half of it would be the region, not a part of it. What lies above is cut off and said in ``reason``.
+        Largest radius that a packing can hold, for example a quarter of the region of interest: a sphere
+        wider than half of it would be the region, not a part of it. What lies above is cut off and said in
+        ``reason``.
 
     Returns
     -------
@@ -214,15 +216,15 @@ def match_porosity(
 ) -> Match:
     """Second packing with feedback on the probability of virtual spheres.
 
-    With odds o = p / (1 - p), solid fraction S of grains and spheres together and c = V_sp / V_p, the porosity left
-    when the spheres are removed obeys
+    With odds o = p / (1 - p), solid fraction S of grains and spheres together and c = V_sp / V_p, the
+    porosity left when the spheres are removed obeys
 
         1 / (1 - phi) = (1 + c o) / S.
 
-    The paper's formula is the case S = 1 - phi_1. Spheres among grains change S, so the left side is only nearly
-    linear in o: each pass interpolates it linearly between the two passes about the target (the first packing is
-    the pass with o = 0), or extrapolates from the last two. The aim is a quarter of the tolerance above the target,
-    because contracting positions is a gentler correction than pulling grains apart.
+    The paper's formula is the case S = 1 - phi_1. Spheres among grains change S, so the left side is only
+    nearly linear in o: each pass interpolates it linearly between the two passes about the target (the first
+    packing is the pass with o = 0), or extrapolates from the last two. The aim is a quarter of the tolerance
+    above the target, because contracting positions is a gentler correction than pulling grains apart.
 
     Parameters
     ----------
