@@ -1,0 +1,158 @@
+"""Physical and numerical parameters of a deposition, and the named sets of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+from grainfall.errors import InputError
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """Everything that governs how grains fall and come to rest.
+
+    All lengths are scaled so that the mean grain radius is 1 in engine units. Rigid grains under gravity have
+    no length of their own, so with gravity 9.8 one engine second stands for sqrt(R_mean / 1 m) real seconds:
+    the packing depends on ratios only (friction, restitution, dt * sqrt(g / R), thresholds over sqrt(g R)).
+
+    Parameters
+    ----------
+    engine : {"physx", "bullet"}
+        Rigid-body engine.
+    gravity : float
+        Acceleration along -z, engine units / s^2.
+    dt : float
+        Time step, s.
+    friction_static, friction_dynamic : float
+        Coulomb coefficients, grain on grain and grain on wall. Bullet has one coefficient: the dynamic one.
+    restitution : float
+        Fraction of the normal relative velocity kept in a bounce.
+    bounce_speed : float
+        Approach speed, engine units / s, below which a contact does not bounce (2 is PhysX's own default).
+    angular_damping : float
+        Rate, 1/s, at which spin decays: the only rolling resistance a sphere has (0.05 is PhysX's own
+        default).
+    density : float
+        Solid density, mass per cubed engine unit. It scales forces, not the packing.
+    inertia : {"exact", "paper"}
+        ``exact``: the mesh's own principal moments; ``paper``: the diagonal (1, 1, 1) for every grain
+        whatever its size, which makes a mean grain spin about four times too easily and a small one hardly at
+        all.
+    sleep_speed : float
+        Translational speed, engine units / s, below which a body counts as resting.
+    sleep_steps : int
+        Consecutive steps at rest after which a body is fixed in place.
+    solver_iterations : int
+        Iterations of the contact solver per step.
+    hull_vertices : int
+        Most vertices of a grain's convex collision shape.
+    contact_offset : float
+        Distance, engine units, at which PhysX starts to build a contact (speculative: it does not hold grains
+        apart).
+    drop_height : float
+        Clear height above the bed from which grains are released, mean grain radii.
+    batch_layers : float
+        Solid poured in one batch, as a bed thickness in mean grain diameters.
+    max_idle_steps : int
+        Steps without any body coming to rest after which the deposition is ended as it is.
+    """
+
+    engine: str = "physx"
+    gravity: float = 9.8
+    dt: float = 0.01
+    friction_static: float = 0.5
+    friction_dynamic: float = 0.5
+    restitution: float = 0.5
+    bounce_speed: float = 2.0
+    angular_damping: float = 0.05
+    density: float = 2.6
+    inertia: str = "exact"
+    sleep_speed: float = 0.05
+    sleep_steps: int = 50
+    solver_iterations: int = 20
+    hull_vertices: int = 48
+    contact_offset: float = 0.1
+    drop_height: float = 4.0
+    batch_layers: float = 0.5
+    max_idle_steps: int = 3000
+
+    def __post_init__(self) -> None:
+        for name, choices in {"engine": ("physx", "bullet"), "inertia": ("exact", "paper")}.items():
+            if getattr(self, name) not in choices:
+                raise InputError(
+                    f"packing.{name}",
+                    f"{getattr(self, name)!r} is unknown",
+                    f"choose from {', '.join(choices)}",
+                )
+        for name in (
+            "gravity",
+            "dt",
+            "density",
+            "sleep_speed",
+            "drop_height",
+            "batch_layers",
+            "contact_offset",
+        ):
+            if not getattr(self, name) > 0:
+                raise InputError(
+                    f"packing.{name}", f"{getattr(self, name)!r} is not positive", "give a number > 0"
+                )
+        for name in ("friction_static", "friction_dynamic", "bounce_speed", "angular_damping"):
+            if not getattr(self, name) >= 0:
+                raise InputError(
+                    f"packing.{name}", f"{getattr(self, name)!r} is negative", "give a number >= 0"
+                )
+        if not 0 <= self.restitution < 1:
+            raise InputError(
+                "packing.restitution", f"{self.restitution!r} is outside [0, 1)", "0.5 is the paper's"
+            )
+        for name, least in {"sleep_steps": 1, "solver_iterations": 1, "max_idle_steps": 1}.items():
+            if getattr(self, name) < least:
+                raise InputError(
+                    f"packing.{name}", f"{getattr(self, name)!r} is too few", f"at least {least}"
+                )
+        if not 8 <= self.hull_vertices <= 255:
+            raise InputError("packing.hull_vertices", f"{self.hull_vertices!r} is out of range", "8 to 255")
+
+    @classmethod
+    def named(cls, name: str = "default", **overrides: object) -> Parameters:
+        """A named set, with single values replaced.
+
+        Parameters
+        ----------
+        name : {"default", "paper"}
+            ``paper`` is the paper's appendix table.
+        **overrides
+            Fields of this class.
+
+        Raises
+        ------
+        InputError
+            On an unknown set, field or value.
+        """
+        if name not in NAMED:
+            raise InputError("packing.parameters", f"{name!r} is unknown", f"choose from {', '.join(NAMED)}")
+        known = {field.name for field in fields(cls)}
+        for key in overrides:
+            if key not in known:
+                raise InputError(
+                    f"packing.{key}", "is no packing parameter", f"choose from {', '.join(sorted(known))}"
+                )
+        return replace(cls(**NAMED[name]), **overrides)
+
+
+NAMED: dict[str, dict] = {
+    "default": {},
+    "paper": {
+        "engine": "physx",
+        "gravity": 9.8,
+        "dt": 0.01,
+        "friction_static": 0.5,
+        "friction_dynamic": 0.5,
+        "restitution": 0.5,
+        "density": 2.6,
+        "inertia": "paper",
+        "sleep_speed": 0.01,
+        "sleep_steps": 300,
+    },
+}
