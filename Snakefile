@@ -29,3 +29,8 @@ rule all:
         "results/summary.csv",
         "results/report.html",
     localrule: True
+
+
+if CACHING:
+    for cached in CACHED_JOBS:
+        workflow.get_rule(cached)._benchmark = None

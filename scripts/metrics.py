@@ -60,5 +60,5 @@ with stage(snakemake) as progress:
         metrics,
         method,
     )
-    io.write_table(snakemake.output.summary, row)
+    io.write_table(snakemake.output.row, row)
     progress.say(report.verdict(report.judge(metrics)))

@@ -3,6 +3,7 @@
 from _stage import stage
 
 from grainfall import io, random, stereology
+from grainfall.errors import InputError
 
 with stage(snakemake) as progress:
     grains = io.read_table(snakemake.input.grains)
@@ -13,14 +14,18 @@ with stage(snakemake) as progress:
     samples[0, "pore"] = pores
     dists = {}
     for (phase, kind), table in samples.items():
-        uncut = table[table.weight > 0]
-        if uncut.empty and kind == "pore":
+        found = stereology.unfold_table(table, rng=rng, **snakemake.params.settings["stereology"])
+        if found is None and kind == "grain":
+            raise InputError(
+                snakemake.input.grains,
+                f"the section shows no whole grain of {names[phase]}",
+                "a larger section, or leave the phase out",
+            )
+        if found is None:
             continue
-        dists[phase, kind] = stereology.unfold(
-            uncut.r_um.to_numpy(), uncut.weight.to_numpy(), rng=rng, **snakemake.params.settings["stereology"]
-        )
+        dists[phase, kind] = found
         progress.say(
-            f"{names[phase]} {kind}: {len(uncut)} sections, mean radius "
+            f"{names[phase]} {kind}: {(table.weight > 0).sum()} sections, mean radius "
             f"{dists[phase, kind].mean('f2d'):.2f} um in 2D, {dists[phase, kind].mean('f3d'):.2f} um in 3D"
         )
     io.write_table(snakemake.output.sizes, stereology.to_table(dists))

@@ -405,3 +405,17 @@ def from_table(table: pd.DataFrame) -> dict[tuple[int, str], SizeDistribution]:
         columns = (rows[name].to_numpy(dtype=float) for name in ("f2d", "f3d", "lower", "upper"))
         found[int(phase), str(kind)] = SizeDistribution(edges, *columns, "table", np.nan)
     return found
+
+
+def unfold_table(table: pd.DataFrame, **options) -> SizeDistribution | None:
+    """Unfold the ``r_um`` of a measured table's uncut objects by their weights; None where all are cut.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Columns r_um and weight, as the morphology chapter measures grains and pores.
+    **options
+        See :func:`unfold`.
+    """
+    uncut = table[table["weight"] > 0]
+    return None if uncut.empty else unfold(uncut["r_um"], uncut["weight"], **options)

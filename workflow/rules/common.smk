@@ -48,6 +48,19 @@ ENVS = {
 }
 
 
+# Snakemake takes no benchmark on a rule whose result may come from the cache between workflows. So rules
+# are cacheable only where --cache asks for it, and are then not timed (see the end of the Snakefile).
+CACHING = workflow.workflow_settings.cache is not None
+CACHEABLE = "omit-software" if CACHING else False
+CACHED_JOBS = [
+    "synthesise",
+    "grain_library",
+    "first_packing",
+    "second_packing",
+    "network",
+]
+
+
 def any_of(names):
     """A wildcard constraint that matches just these names, and nothing where there are none."""
     return "|".join(names) or "(?!)"
@@ -138,3 +151,9 @@ def where_referenced(path):
         return expand(f"{SAMPLE}/{path}", sample=[s for s in chosen if s in REFERENCED])
 
     return of
+
+
+def timed(*jobs):
+    """Benchmark files of a twin's jobs, without those that the cache may have spared."""
+    kept = [job for job in jobs if not (CACHING and job in CACHED_JOBS)]
+    return expand(f"{TWIN}/benchmarks/{{job}}.tsv", job=kept, allow_missing=True)

@@ -25,7 +25,7 @@ rule s2_chunk:
 
 rule s2_slices:
     input:
-        gather.slices(f"{TWIN}/s2_slices/{{scatteritem}}.csv"),
+        gather.slices(f"{TWIN}/s2_slices/{{scatteritem}}.csv", allow_missing=True),
     output:
         s2=f"{TWIN}/s2_slices.csv",
     log:

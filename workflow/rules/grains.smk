@@ -11,7 +11,7 @@ rule grain_library:
         f"{SAMPLE}/logs/grain_library.log",
     benchmark:
         f"{SAMPLE}/benchmarks/grain_library.tsv"
-    cache: "omit-software"
+    cache: CACHEABLE
     conda:
         ENVS["analysis"]
     resources:

@@ -57,17 +57,17 @@ rule section_as_resolved:
     output:
         grains=f"{VARIANT}/section_grains2d.csv",
         pores=f"{VARIANT}/section_pores2d.csv",
-    params:
-        settings=settings("morphology"),
-        science=science("morphology"),
     log:
         f"{VARIANT}/logs/section_as_resolved.log",
     benchmark:
         f"{VARIANT}/benchmarks/section_as_resolved.tsv"
+    conda:
+        ENVS["analysis"]
     resources:
         mem_mb=4000,
         runtime=30,
-    conda:
-        ENVS["analysis"]
+    params:
+        settings=settings("morphology"),
+        science=science("morphology"),
     script:
         "../../scripts/section_as_resolved.py"

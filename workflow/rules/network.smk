@@ -11,7 +11,7 @@ rule network:
         f"{TWIN}/logs/network.log",
     benchmark:
         f"{TWIN}/benchmarks/network.tsv"
-    cache: "omit-software"
+    cache: CACHEABLE
     conda:
         ENVS["analysis"]
     resources:

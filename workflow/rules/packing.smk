@@ -37,7 +37,7 @@ rule first_packing:
         f"{TWIN}/logs/first_packing.log",
     benchmark:
         f"{TWIN}/benchmarks/first_packing.tsv"
-    cache: "omit-software"
+    cache: CACHEABLE
     conda:
         ENVS["packing"]
     resources:
@@ -54,7 +54,7 @@ rule first_packing:
 rule virtual_spheres:
     input:
         scene=f"{VARIANT}/scene.json",
-        sizes=f"{SAMPLE}/sizes.csv",
+        section_pores=f"{VARIANT}/section_pores2d.csv",
         volume=f"{TWIN}/first/volume.zarr.zip",
     output:
         sizes=f"{TWIN}/virtual_spheres.csv",
@@ -90,6 +90,7 @@ rule second_packing:
         sizes=f"{SAMPLE}/sizes.csv",
         library=f"{SAMPLE}/grains3d",
         first=f"{TWIN}/first/bodies.csv",
+        first_report=f"{TWIN}/first/packing.json",
         spheres=f"{TWIN}/virtual_spheres.csv",
         plan=f"{TWIN}/virtual_spheres.json",
     output:
@@ -99,7 +100,7 @@ rule second_packing:
         f"{TWIN}/logs/second_packing.log",
     benchmark:
         f"{TWIN}/benchmarks/second_packing.tsv"
-    cache: "omit-software"
+    cache: CACHEABLE
     conda:
         ENVS["packing"]
     resources:

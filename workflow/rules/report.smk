@@ -13,7 +13,16 @@ TWIN_JOBS = [
     "flow",
     "contacts",
 ]
-FIGURES = ["block", "section", "sizes", "gallery", "packings", "virtual", "s2", "network"]
+FIGURES = [
+    "block",
+    "section",
+    "sizes",
+    "gallery",
+    "packings",
+    "virtual",
+    "s2",
+    "network",
+]
 
 
 rule plan:
@@ -23,11 +32,7 @@ rule plan:
         spheres=f"{TWIN}/virtual_spheres.json",
         second=f"{TWIN}/second/packing.json",
         correction=f"{TWIN}/correction.json",
-        benchmarks=expand(
-            f"{TWIN}/benchmarks/{{rule}}.tsv",
-            rule=["first_packing", "virtual_spheres", "second_packing", "twin"],
-            allow_missing=True,
-        ),
+        benchmarks=timed("first_packing", "virtual_spheres", "second_packing", "twin"),
     output:
         plan=f"{TWIN}/plan.json",
     log:
@@ -40,8 +45,7 @@ rule plan:
         mem_mb=1000,
         runtime=5,
     params:
-        settings=settings("packing", "virtual_spheres", "correction"),
-        science=science("report"),
+        science=science("packing"),
     script:
         "../../scripts/plan.py"
 
@@ -70,14 +74,10 @@ rule metrics:
         reference_flow=where_referenced("reference_flow.csv"),
         reference_pores=where_referenced("reference_network_pores.csv"),
         reference_throats=where_referenced("reference_network_throats.csv"),
-        benchmarks=expand(
-            f"{TWIN}/benchmarks/{{rule}}.tsv",
-            rule=BENCHMARKED["twin"],
-            allow_missing=True,
-        ),
+        benchmarks=timed(*TWIN_JOBS),
     output:
         metrics=f"{TWIN}/metrics.csv",
-        summary=temp(f"{TWIN}/summary.csv"),
+        row=f"{TWIN}/summary_row.csv",
     log:
         f"{TWIN}/logs/metrics.log",
     benchmark:
@@ -97,7 +97,7 @@ rule metrics:
 
 rule summary:
     input:
-        twins("summary.csv"),
+        twins("summary_row.csv"),
     output:
         report(
             "results/summary.csv",
@@ -135,19 +135,19 @@ rule figure:
             labels={"figure": "{figure}"},
         ),
         png=f"{TWIN}/figures/{{figure}}.png",
-    wildcard_constraints:
-        figure="|".join(FIGURES),
-    params:
-        science=science("report"),
     log:
         f"{TWIN}/logs/figure_{{figure}}.log",
     benchmark:
         f"{TWIN}/benchmarks/figure_{{figure}}.tsv"
+    wildcard_constraints:
+        figure="|".join(FIGURES),
+    conda:
+        ENVS["report"]
     resources:
         mem_mb=3000,
         runtime=10,
-    conda:
-        ENVS["report"]
+    params:
+        science=science("report"),
     script:
         "../../scripts/figure.py"
 
@@ -173,20 +173,20 @@ rule report_page:
             caption="../report/page.rst",
             labels={"table": "the whole report"},
         ),
+    log:
+        "results/logs/report_page.log",
+    benchmark:
+        "results/benchmarks/rules/report_page.tsv"
+    conda:
+        ENVS["report"]
+    resources:
+        mem_mb=4000,
+        runtime=20,
     params:
         title=CONFIG["title"],
         samples=list(SAMPLES),
         variants=list(VARIANTS),
         realizations=list(REALIZATIONS),
         science=science("report"),
-    log:
-        "results/logs/report_page.log",
-    benchmark:
-        "results/benchmarks/rules/report_page.tsv"
-    resources:
-        mem_mb=4000,
-        runtime=20,
-    conda:
-        ENVS["report"]
     script:
         "../../scripts/report_page.py"

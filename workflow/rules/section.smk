@@ -12,7 +12,7 @@ rule synthesise:
         f"{SAMPLE}/benchmarks/synthesise.tsv"
     wildcard_constraints:
         sample=any_of(SYNTHETIC),
-    cache: "omit-software"
+    cache: CACHEABLE
     conda:
         ENVS["analysis"]
     resources:

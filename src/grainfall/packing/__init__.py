@@ -3,6 +3,9 @@
 from grainfall.packing.deposition import Box, container, deposit
 from grainfall.packing.mixing import Mixture, draw_population, phase_probabilities
 from grainfall.packing.parameters import NAMED, Parameters
+from grainfall.packing.plan import effects_plan
+from grainfall.packing.scene import plan_scene
+from grainfall.packing.stages import pack, pack_again, plan_spheres
 from grainfall.packing.virtual import VirtualSizes, match_porosity, sphere_probability, virtual_sizes
 
 __all__ = [
@@ -14,8 +17,13 @@ __all__ = [
     "container",
     "deposit",
     "draw_population",
+    "effects_plan",
     "match_porosity",
+    "pack",
+    "pack_again",
     "phase_probabilities",
+    "plan_scene",
+    "plan_spheres",
     "sphere_probability",
     "virtual_sizes",
 ]

@@ -21,7 +21,8 @@ def effects_plan(
     correction : mapping
         Report of the position scaling: ``applied``, ``reason``.
     cost_s : mapping
-        Seconds of the jobs first_packing, virtual_spheres, second_packing and twin.
+        Seconds of the jobs first_packing, virtual_spheres, second_packing and twin; a job that is not there
+        was not timed.
 
     Returns
     -------
@@ -34,7 +35,7 @@ def effects_plan(
         "gravity_packing": {
             "on": True,
             "reason": f"{first['poured']} grains poured by {first['engine']}, {first['steps']} steps",
-            "cost_s": cost_s["first_packing"],
+            "cost_s": cost_s.get("first_packing"),
         },
         "convex_hulls": {
             "on": True,
@@ -50,11 +51,11 @@ def effects_plan(
         "virtual_spheres": {
             "on": bool(spheres["called_for"]),
             "reason": spheres["reason"],
-            "cost_s": cost_s["virtual_spheres"] + cost_s["second_packing"] if spheres["called_for"] else 0.0,
+            "cost_s": cost_s.get("second_packing") if spheres["called_for"] else 0.0,
         },
         "position_scaling": {
             "on": bool(correction["applied"]),
             "reason": correction["reason"],
-            "cost_s": cost_s["twin"] if correction["applied"] else 0.0,
+            "cost_s": cost_s.get("twin") if correction["applied"] else 0.0,
         },
     }

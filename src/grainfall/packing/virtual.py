@@ -87,6 +87,13 @@ class VirtualSizes:
         fourth = np.diff(self.edges_um**4) / 4
         return float(4 / 3 * np.pi * (self.used * fourth).sum())
 
+    @classmethod
+    def from_table(cls, table: pd.DataFrame) -> VirtualSizes:
+        """The inverse of :meth:`to_table`."""
+        edges = np.append(table["r_lo_um"], table["r_hi_um"].iloc[-1])
+        parts = [table[name].to_numpy(float) for name in ("target", "first", "difference", "used")]
+        return cls(edges, *parts, called_for=bool(parts[-1].any()), reason="")
+
     def to_table(self) -> pd.DataFrame:
         """virtual_spheres.csv: r_lo_um, r_hi_um, target, first, difference, used."""
         return pd.DataFrame(
