@@ -1,0 +1,297 @@
+"""Grains in a box: physics that is known, and promises that every packing keeps."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+import pytest
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from grainfall.errors import InputError
+from grainfall.packing import Parameters, container, deposit
+from grainfall.packing.engine import Solid, start
+from grainfall.packing.shapes import collision_shape, reduce_hull, unit_sphere
+
+ENGINES = ["physx", "bullet"]
+
+
+@dataclass
+class Library:
+    vertices: list
+    faces: list
+
+
+@pytest.fixture(scope="module")
+def library() -> Library:
+    """Ellipsoids cut by random planes, equal-volume radius 1, centre of mass at the origin."""
+    rng = np.random.default_rng(5)
+    found = Library([], [])
+    for _ in range(8):
+        ball = trimesh.creation.icosphere(2)
+        v = np.array(ball.vertices) * rng.uniform(0.75, 1.25, 3)
+        for _ in range(3):
+            d = rng.standard_normal(3)
+            d /= np.linalg.norm(d)
+            v -= np.maximum(v @ d - rng.uniform(0.6, 0.9) * (v @ d).max(), 0)[:, None] * d
+        mesh = trimesh.Trimesh(v, ball.faces, process=False)
+        v = (v - mesh.center_mass) / (mesh.volume / (4 * np.pi / 3)) ** (1 / 3)
+        found.vertices.append(v)
+        found.faces.append(np.array(ball.faces))
+    return found
+
+
+def supply(n: int, shapes: int, radii=50.0) -> pd.DataFrame:
+    rng = np.random.default_rng(0)
+    shape = np.full(n, -1) if shapes == 0 else rng.integers(0, shapes, n)
+    return pd.DataFrame({"kind": "grain", "phase": 1, "shape": shape, "scale": np.broadcast_to(radii, n)})
+
+
+def settled(library, engine="physx", shapes=8, roi=250.0, margin=1.0, seed=1, radii=50.0, **changes):
+    box = container(roi, 100.0, margin)
+    parameters = Parameters.named(engine=engine, **changes)
+    return box, deposit(supply(300, shapes, radii), library, box, parameters, np.random.default_rng(seed))
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_promises_of_a_packing(library, engine):
+    calls = []
+    box = container(220.0, 100.0, 1.0)
+    bodies = deposit(
+        supply(300, 8),
+        library,
+        box,
+        Parameters.named(engine=engine),
+        np.random.default_rng(1),
+        lambda *counts: calls.append(counts),
+    )
+    report = bodies.attrs["report"]
+    position = bodies[["x", "y", "z"]].to_numpy()
+    quaternion = bodies[["qw", "qx", "qy", "qz"]].to_numpy()
+    assert np.isfinite(position).all()
+    np.testing.assert_allclose(np.linalg.norm(quaternion, axis=1), 1, atol=1e-6)
+    assert bodies["asleep"].all()
+    assert report["escaped"] == 0
+    assert report["kinetic_energy_end"] == 0
+    assert report["unit_um"] == 50
+    assert report["max_overlap"] < 0.02
+    assert report["surface_um"] >= report["surface_needed_um"] == box.roi_um[2] + box.margin_um
+    assert (bodies["scale"] == 50).all()
+    # every vertex of every true mesh is inside the walls and above the floor, to the collision hull's tolerance
+    for body in bodies.itertuples():
+        turn = Rotation.from_quat([body.qx, body.qy, body.qz, body.qw])
+        corners = [body.x, body.y, body.z] + turn.apply(body.scale * library.vertices[body.shape])
+        assert corners.min() > -box.margin_um - 0.1 * body.scale
+        assert corners[:, :2].max() < box.roi_um[0] + box.margin_um + 0.1 * body.scale
+    poured, done, expected, steps = (np.array(c) for c in zip(*calls, strict=True))
+    assert (np.diff(poured) >= 0).all()
+    assert (np.diff(done) >= 0).all()
+    assert (done <= poured).all()
+    assert (poured <= expected).all()
+    assert poured[-1] == done[-1] == len(bodies)
+    assert steps[-1] == report["steps"]
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_same_seed_same_bytes_other_seed_other_packing(library, engine):
+    once, again, other = (
+        settled(library, engine, roi=200.0, margin=0.5, seed=s)[1].to_csv() for s in (3, 3, 4)
+    )
+    assert once == again
+    assert once != other
+
+
+def test_equal_spheres_pack_between_random_loose_and_random_close(library):
+    """Friction 0.5: above the random loose limit 0.550, below frictionless random close packing 0.639."""
+    _, bodies = settled(library, shapes=0, roi=500.0, margin=1.5)
+    rng = np.random.default_rng(0)
+    points = rng.uniform(50, 450, (40000, 3))
+    centres = bodies[["x", "y", "z"]].to_numpy()
+    near = np.array([(((points - c) ** 2).sum(1) < 50.0**2) for c in centres]).any(axis=0)
+    # 64 diameters cubed hold some 75 spheres: the sampling error of the fraction is about 0.02
+    assert 0.550 - 0.02 < near.mean() < 0.639 + 0.02
+
+
+def test_friction_makes_a_looser_packing(library):
+    fractions = [
+        settled(library, shapes=0, roi=400.0, friction_static=mu, friction_dynamic=mu)[1].attrs["report"]
+        for mu in (0.0, 1.0)
+    ]
+    assert fractions[0]["solid_fraction"] > fractions[1]["solid_fraction"]
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_sizes_one_to_five_pack_without_deep_overlap(library, engine):
+    radii = np.geomspace(20, 100, 300)[np.random.default_rng(2).permutation(300)]
+    _, bodies = settled(library, engine, roi=300.0, margin=0.5, radii=radii)
+    report = bodies.attrs["report"]
+    assert report["escaped"] == 0
+    assert bodies["asleep"].all()
+    assert report["max_overlap"] < 0.05
+    assert bodies["scale"].max() / bodies["scale"].min() > 3
+
+
+def ball(mass=2.6 * 4 / 3 * np.pi):
+    return Solid(None, 1.0, mass, np.full(3, 0.4 * mass))
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_free_fall(engine):
+    """Semi-implicit Euler keeps x exact up to g t dt / 2, and the energy of the fall up to a share dt / t."""
+    p = Parameters.named(engine=engine)
+    box = start(p, 20, 20)
+    box.add(ball(), np.array([10, 10, 100.0]), np.array([1.0, 0, 0, 0]), np.zeros(3))
+    t = 100 * p.dt
+    box.step(100)
+    fallen = 100 - box.positions([0])[0, 2]
+    assert fallen == pytest.approx(p.gravity * t**2 / 2, abs=p.gravity * t * p.dt / 2 + 1e-3)
+    box.close()
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_dropped_sphere_rests_on_the_floor(engine):
+    box = start(Parameters.named(engine=engine), 10, 10)
+    box.add(ball(), np.array([5, 5, 3.0]), np.array([1.0, 0, 0, 0]), np.zeros(3))
+    box.step(500)
+    np.testing.assert_allclose(box.positions([0])[0], [5, 5, 1], atol=2e-3)
+    box.close()
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_walls_hold_a_fast_sphere(engine):
+    box = start(Parameters.named(engine=engine), 10, 10)
+    for k, velocity in enumerate(([50, 0, 0], [-50, 0, 0], [0, 50, 0], [0, -50, 0])):
+        box.add(
+            ball(), np.array([3.0 + 4 * (k % 2), 3 + 4 * (k // 2), 3]), np.array([1.0, 0, 0, 0]), velocity
+        )
+    box.step(400)
+    found = box.positions(range(4))
+    assert (found[:, :2] > 0.9).all()
+    assert (found[:, :2] < 9.1).all()
+    assert (found[:, 2] > 0.9).all()
+    box.close()
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_fixed_body_carries_others_and_stays(engine):
+    box = start(Parameters.named(engine=engine), 10, 10)
+    box.add(ball(), np.array([5, 5, 5.0]), np.array([1.0, 0, 0, 0]), np.zeros(3))
+    box.fix([0])
+    box.add(ball(), np.array([5, 5, 7.5]), np.array([1.0, 0, 0, 0]), np.zeros(3))
+    box.step(300)
+    np.testing.assert_allclose(box.positions([1])[0], [5, 5, 7], atol=0.01)
+    box.close()
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_gaps_between_spheres_are_measured(engine):
+    still = Parameters.named(engine=engine, dt=1e-6, gravity=1e-6)
+    box = start(still, 10, 10)
+    for x in (3.0, 4.9):
+        box.add(ball(), np.array([x, 5, 5]), np.array([1.0, 0, 0, 0]), np.zeros(3))
+    box.step(1)
+    pairs, gaps = box.contacts()
+    assert [sorted(pair) for pair in pairs.tolist()] == [[0, 1]]
+    np.testing.assert_allclose(gaps, -0.1, atol=1e-4)
+    box.close()
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_inertia_paper_and_exact_both_work_and_differ(library, engine):
+    exact, paper = (settled(library, engine, roi=200.0, margin=0.5, inertia=i)[1] for i in ("exact", "paper"))
+    assert paper["asleep"].all()
+    n = min(len(exact), len(paper))
+    assert not np.allclose(exact["x"][:n], paper["x"][:n])
+
+
+def test_exact_inertia_governs_the_spin():
+    """A body hit off-centre by the floor spins as its inertia says: ten times the inertia, a slower turn."""
+    turns = []
+    for scale in (1.0, 10.0):
+        box = start(Parameters.named(), 40, 40)
+        rod = np.array([[x, y, z] for x in (-3, 3) for y in (-0.5, 0.5) for z in (-0.5, 0.5)], float)
+        box.add(
+            Solid(rod, 3.1, 10.0, scale * np.array([1.7, 30.0, 30.0])),
+            np.array([20, 20, 4.0]),
+            np.array([np.cos(0.3), 0, np.sin(0.3), 0]),
+            np.zeros(3),
+        )
+        box.step(75)
+        _, q = box.poses([0])
+        turns.append(abs(2 * np.arccos(min(1.0, abs(q[0, 0]))) - 0.6))
+        box.close()
+    assert turns[0] > 2 * turns[1]
+
+
+def test_supply_that_runs_out_is_poured_again(library):
+    box = container(220.0, 100.0, 0.5)
+    bodies = deposit(supply(20, 8), library, box, Parameters(), np.random.default_rng(1))
+    assert bodies.attrs["report"]["supply_rounds"] > 1
+    assert bodies.attrs["report"]["surface_um"] >= bodies.attrs["report"]["surface_needed_um"]
+
+
+def test_reduced_hull_keeps_volume_and_centroid():
+    points = trimesh.creation.icosphere(3).vertices * [1.0, 0.7, 1.3] + [3, -1, 2]
+    full = trimesh.convex.convex_hull(points)
+    for n in (16, 32, 64):
+        reduced = reduce_hull(np.array(points), n)
+        assert len(reduced) <= n
+        hull = trimesh.convex.convex_hull(reduced)
+        assert hull.volume == pytest.approx(full.volume, rel=1e-9)
+        np.testing.assert_allclose(hull.center_mass, full.center_mass, atol=1e-9)
+
+
+def test_collision_shape_has_the_meshs_moments_in_its_principal_frame():
+    box = trimesh.creation.box(extents=[1.0, 2.0, 3.0])
+    turn = Rotation.random(random_state=3)
+    shape = collision_shape(turn.apply(box.vertices) + 5, np.array(box.faces), 32)
+    a, b, c = 1.0, 2.0, 3.0
+    wanted = np.array([a * a + b * b, a * a + c * c, b * b + c * c]) * (a * b * c) / 12
+    np.testing.assert_allclose(shape.inertia, wanted, rtol=1e-9)
+    assert shape.excess == pytest.approx(0, abs=1e-9)
+    # the frame turns collision points back onto the library's (here shifted) box
+    back = shape.frame.apply(shape.points)
+    np.testing.assert_allclose(
+        np.sort(back.round(9), axis=0), np.sort(turn.apply(box.vertices).round(9), axis=0), atol=1e-8
+    )
+
+
+def test_sphere_shape_has_the_spheres_inertia():
+    assert unit_sphere().inertia == pytest.approx(8 * np.pi / 15)
+
+
+def test_named_sets():
+    paper = Parameters.named("paper")
+    assert (paper.gravity, paper.dt, paper.friction_static, paper.friction_dynamic) == (9.8, 0.01, 0.5, 0.5)
+    assert (paper.restitution, paper.density, paper.inertia) == (0.5, 2.6, "paper")
+    assert (paper.sleep_speed, paper.sleep_steps) == (0.01, 300)
+    assert Parameters.named().inertia == "exact"
+    assert Parameters.named("paper", engine="bullet").engine == "bullet"
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"engine": "ode"},
+        {"inertia": "none"},
+        {"restitution": 1.0},
+        {"dt": 0.0},
+        {"gravity": float("nan")},
+        {"hull_vertices": 4},
+        {"sleep_steps": 0},
+        {"speling": 1},
+    ],
+)
+def test_wrong_parameters_are_named(wrong):
+    with pytest.raises(InputError, match=f"packing.{next(iter(wrong))}"):
+        Parameters.named(**wrong)
+
+
+def test_wrong_boxes_and_supplies_are_refused(library):
+    with pytest.raises(InputError, match="roi_um"):
+        container(100.0, 100.0)
+    box = container(200.0, 100.0, 0.0)
+    with pytest.raises(InputError, match="population"):
+        deposit(supply(300, 8).iloc[:0], library, box, Parameters(), np.random.default_rng(0))
+    with pytest.raises(InputError, match="does not fit"):
+        deposit(supply(300, 8, 150.0), library, box, Parameters(), np.random.default_rng(0))
