@@ -14,8 +14,9 @@ import matplotlib.style
 import numpy as np
 import pandas as pd
 from matplotlib.collections import EllipseCollection, LineCollection
-from matplotlib.colors import LightSource, to_rgb, to_rgba
+from matplotlib.colors import to_rgb, to_rgba
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 from matplotlib.transforms import Affine2D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
@@ -49,6 +50,7 @@ STYLE = {
     "xtick.labelsize": 8,
     "ytick.labelsize": 8,
     "lines.linewidth": 1.6,
+    "text.parse_math": False,  # a mineral may be called $x
     "figure.constrained_layout.use": True,
     "figure.facecolor": "white",
     "savefig.dpi": 200,
@@ -127,7 +129,7 @@ def section_figure(
     """
     height, width = (n * pixel_size_um for n in phase.shape)
     aspect = float(np.clip(phase.shape[0] / phase.shape[1], 0.4, 1.6))
-    figure = Figure(figsize=(WIDTH, WIDTH / 2 * aspect + 0.75))
+    figure = Figure(figsize=(WIDTH, (WIDTH / 2 - 0.45) * aspect + 0.95))
     left, right = figure.subplots(1, 2)
     extent = (0, width, height, 0)
     colours = phase_colours(phase)
@@ -233,7 +235,7 @@ def sizes_figure(
         top.set_title(name)
 
         top.stairs(table["f2d"], edges, fill=True, color=to_rgba(colour, 0.45))
-        top.stairs(table["f2d"], edges, color=SECTION, lw=1.0, label="section")
+        top.stairs(table["f2d"], edges, color=SECTION, lw=1.0, label="section, as seen")
         seen = twin_pores if pore else twin_grains
         if seen is not None:
             seen = seen[seen["weight"] > 0]
@@ -245,7 +247,7 @@ def sizes_figure(
             table["upper"], edges, baseline=table["lower"], fill=True, color=to_rgba(colour, 0.35),
             label="bootstrap band",
         )  # fmt: skip
-        bottom.stairs(table["f3d"], edges, color=SECTION, lw=1.4, label="unfolded from the section")
+        bottom.stairs(table["f3d"], edges, color=SECTION, lw=1.4, label="section, unfolded")
         if truth is not None and not pore:
             of_phase = truth.loc[truth["phase"] == phase, "r_um"]
             _density(bottom, of_phase, None, edges, TRUTH, (0, (4, 1.5)), "truth")
@@ -258,12 +260,14 @@ def sizes_figure(
             axes.set_xlim(left=0)
     rows[0, 0].set_ylabel("2D: density on slices (1/µm)")
     rows[1, 0].set_ylabel("3D: density (1/µm)")
-    for row in rows:
-        row[0].legend(loc="upper right")
-        handles = {h: t for axes in row for h, t in zip(*axes.get_legend_handles_labels(), strict=True)}
-        unique = {t: h for h, t in reversed(handles.items())}
-        row[0].get_legend().remove()
-        row[-1].legend(list(reversed(unique.values())), list(reversed(unique)), loc="upper right")
+    entries: dict[str, object] = {}
+    for axes in rows.ravel():
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            entries.setdefault(label, handle)
+    # the band carries its panel's colour: one grey patch stands for all of them
+    if "bootstrap band" in entries:
+        entries["bootstrap band"] = Patch(facecolor="#BBBBBB")
+    figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=3)
     return figure
 
 
@@ -292,8 +296,8 @@ def gallery_figure(grains: Sequence[Mapping], phases: Sequence[str] = ()) -> Fig
     """
     per_row = 2
     rows = -(-len(grains) // per_row)
-    figure = Figure(figsize=(WIDTH, 1.62 * rows + 0.35))
-    grid = figure.add_gridspec(rows, 4 * per_row, width_ratios=[1.9, 1, 1, 1] * per_row)
+    figure = Figure(figsize=(WIDTH, 1.25 * rows + 0.3))
+    grid = figure.add_gridspec(rows, 4 * per_row, width_ratios=[1.5, 1, 1, 1] * per_row)
     for k, grain in enumerate(grains):
         row, first = k // per_row, 4 * (k % per_row)
         colour = MINERALS[(int(grain["phase"]) - 1) % len(MINERALS)]
@@ -305,7 +309,7 @@ def gallery_figure(grains: Sequence[Mapping], phases: Sequence[str] = ()) -> Fig
             axes = figure.add_subplot(grid[row, first + 1 + j])
             side = max(mask.shape)
             gap = [((side - n) // 2, side - n - (side - n) // 2) for n in mask.shape]
-            square = np.pad(mask, gap)
+            square = np.pad(np.pad(mask, gap), 1)
             axes.imshow(np.where(square[..., None], to_rgb(colour), 1.0))
             axes.contour(square, [0.5], colors="black", linewidths=0.6)
             axes.set(xticks=[], yticks=[])
@@ -317,22 +321,26 @@ def gallery_figure(grains: Sequence[Mapping], phases: Sequence[str] = ()) -> Fig
 
 
 def draw_mesh(axes, vertices: np.ndarray, faces: np.ndarray, colour: str) -> None:
-    """A shaded triangle mesh in a 3D axes, equal scales, no frame."""
-    light = LightSource(azdeg=300, altdeg=50)
-    mesh = Poly3DCollection(
-        vertices[faces],
-        facecolors=colour,
-        edgecolors="none",
-        shade=True,
-        lightsource=light,
-        antialiaseds=False,
+    """A closed, outward triangle mesh in a 3D axes: lit from above left, equal scales, no frame."""
+    triangles = vertices[faces]
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    elevation, azimuth = np.radians([24, -60])
+    eye = np.array(
+        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
     )
+    light = np.array([-0.1, -0.62, 0.78])
+    front = normals @ eye > 0
+    shade = (0.42 + 0.58 * np.clip(normals[front] @ light, 0, 1))[:, None]
+    glint = 0.18 * np.clip(normals[front] @ light, 0, 1)[:, None] ** 8
+    colours = np.clip(shade * to_rgb(colour) + glint, 0, 1)
+    mesh = Poly3DCollection(triangles[front], facecolors=colours, edgecolors=colours, linewidths=0.3)
     mesh.set_rasterized(True)
     axes.add_collection3d(mesh)
-    centre, reach = vertices.mean(0), np.abs(vertices - vertices.mean(0)).max()
-    for set_limit, middle in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), centre, strict=True):
-        set_limit(middle - reach, middle + reach)
-    axes.set_box_aspect((1, 1, 1), zoom=1.55)
+    axes.view_init(elev=24, azim=-60)
+    middle, reach = (vertices.max(0) + vertices.min(0)) / 2, np.ptp(vertices, axis=0).max() / 2
+    axes.set(**{f"{a}lim": (m - reach, m + reach) for a, m in zip("xyz", middle, strict=True)})
+    axes.set_box_aspect((1, 1, 1), zoom=1.5)
     axes.set_axis_off()
 
 
@@ -377,7 +385,7 @@ def packings_figure(
                 (image == VIRTUAL_LABEL).astype(float), [0.5], colors="black", linewidths=0.6,
                 extent=(0, width, 0, height),
             )  # fmt: skip
-        note = "" if porosity is None else f"\nporosity {number(porosity)}"
+        note = "\n" if porosity is None else f"\nporosity {number(porosity)}"
         axes.set_title(title + note, fontsize=9)
         axes.set_xlabel("x (µm)")
         axes.spines[:].set_visible(True)
@@ -449,29 +457,28 @@ def virtual_figure(table: pd.DataFrame, p_sp: float | None = None) -> Figure:
         Share of virtual spheres among the bodies poured.
     """
     edges = np.append(table["r_lo_um"].to_numpy(), table["r_hi_um"].iloc[-1])
-    figure = Figure(figsize=(WIDTH, 2.9))
+    figure = Figure(figsize=(WIDTH, 3.1))
     left, right = figure.subplots(1, 2, sharex=True)
     left.stairs(table["first"], edges, fill=True, color=to_rgba(FIRST, 0.5))
     left.stairs(table["first"], edges, color="#1F6A99", ls=(0, (4, 1.5)), label="first packing")
-    left.stairs(table["target"], edges, color=SECTION, label="target, from the section")
+    left.stairs(table["target"], edges, color=SECTION, label="target: the section")
     left.set_title("Pore circles, unfolded")
-    right.axhline(0, color="black", lw=0.6)
-    right.stairs(table["used"], edges, fill=True, color=VIRTUAL)
-    right.stairs(table["used"], edges, color="#6B6300", lw=1.2, label="used for virtual spheres")
-    right.stairs(
-        table["difference"],
-        edges,
-        color=SECTION,
-        ls=(0, (1, 1.2)),
-        lw=1.3,
-        label="difference: target − first",
-    )
-    right.set_title("Virtual spheres" + ("" if p_sp is None else f" (share of bodies {number(p_sp)})"))
-    for axes in (left, right):
-        axes.set_xlabel("radius (µm)")
-        axes.legend()
     left.set_ylim(bottom=0)
     left.set_ylabel("density (1/µm)")
+    right.axhline(0, color="black", lw=0.6)
+    right.stairs(
+        table["difference"], edges, color=SECTION, ls=(0, (1, 1.2)), lw=1.3, label="target − first packing"
+    )
+    right.set_title("Virtual spheres")
+    if table["used"].fillna(0).any():
+        right.stairs(table["used"], edges, fill=True, color=VIRTUAL, zorder=0)
+        share = "" if p_sp is None else f", {100 * p_sp:.3g} % of the bodies"
+        right.stairs(table["used"], edges, color="#6B6300", lw=1.2, label=f"used{share}", zorder=0.5)
+    else:
+        right.text(0.5, 0.9, "none called for", ha="center", transform=right.transAxes, style="italic")
+    for axes in (left, right):
+        axes.set_xlabel("radius (µm)")
+    figure.legend(loc="outside lower center", ncols=4)
     return figure
 
 
@@ -509,7 +516,8 @@ def s2_figure(
         mean = slices.groupby("lag_um")["s2"].mean()
         left.plot(mean.index, mean, color=TWIN, lw=1.8, label="twin, mean")
     if reference is not None:
-        mean = reference.groupby("lag_um")["s2"].mean()
+        along = reference[reference["axis"].isin(["x", "y", "z"])]
+        mean = along.groupby("lag_um")["s2"].mean()
         left.plot(mean.index, mean, color=TRUTH, ls=(0, (4, 1.5)), lw=1.8, label="reference volume")
     if envelope is not None:
         left.plot(envelope["lag_um"], envelope["observed"], color=SECTION, lw=1.3, label="section")
@@ -553,41 +561,40 @@ def network_figure(
         ``pore_radius_um``, ``throat_radius_um``, ``coordination`` as
         :func:`grainfall.network.element_sizes` gives them.
     """
-    figure = Figure(figsize=(WIDTH, 2.7))
+    figure = Figure(figsize=(WIDTH, 2.9))
+    samples = {"twin": sizes} if reference is None else {"twin": sizes, "reference": reference}
     panels = (
         ("pore_radius_um", "Pores", "radius (µm)", "density (1/µm)"),
         ("throat_radius_um", "Throats", "radius (µm)", "density (1/µm)"),
         ("coordination", "Coordination", "throats per pore", "share of pores"),
     )
     for axes, (kind, title, x_label, y_label) in zip(figure.subplots(1, 3), panels, strict=True):
-        samples = {"twin": np.asarray(sizes[kind], float)}
-        if reference is not None:
-            samples["reference"] = np.asarray(reference[kind], float)
-        pooled = np.concatenate(list(samples.values()))
+        axes.set(xlabel=x_label, ylabel=y_label)
         axes.set_title(title)
-        axes.set_xlabel(x_label)
-        axes.set_ylabel(y_label)
-        if len(pooled) == 0:
+        values = {name: np.asarray(of[kind], float) for name, of in samples.items() if len(of[kind])}
+        if not values:
             axes.text(0.5, 0.5, "none", ha="center", transform=axes.transAxes, style="italic")
             continue
-        # all of the sample on the axis but the last half per cent, which would squeeze the rest
-        if kind == "coordination":
-            edges = np.arange(-0.5, np.quantile(pooled, 0.995) + 1.5)
-        else:
-            edges = np.linspace(0, np.quantile(pooled, 0.995), 25)
-        for name, values in samples.items():
-            if len(values) == 0:
-                continue
-            density = np.histogram(values, edges)[0] / len(values) / np.diff(edges)
-            label = f"{name}, n = {number(len(values))}"
+        # the last half per cent of a long tail would squeeze the rest
+        last = np.quantile(np.concatenate(list(values.values())), 0.995)
+        edges = np.arange(-0.5, last + 1.5) if kind == "coordination" else np.linspace(0, last, 25)
+        for name, sample in values.items():
+            density = np.histogram(sample, edges)[0] / len(sample) / np.diff(edges)
             if name == "twin":
                 axes.stairs(density, edges, fill=True, color=to_rgba(TWIN, 0.35))
-                axes.stairs(density, edges, color=TWIN, label=label)
+                axes.stairs(density, edges, color=TWIN)
             else:
-                axes.stairs(density, edges, color=TRUTH, ls=(0, (4, 1.5)), lw=1.8, label=label)
+                axes.stairs(density, edges, color=TRUTH, ls=(0, (4, 1.5)), lw=1.8)
         axes.set_ylim(bottom=0)
-        axes.margins(y=0.25)
-        axes.legend(loc="upper right")
+    counts = {
+        name: f"{name}: {number(len(of['pore_radius_um']))} pores, "
+        f"{number(len(of['throat_radius_um']))} throats"
+        for name, of in samples.items()
+    }
+    handles = [Patch(facecolor=to_rgba(TWIN, 0.35), edgecolor=TWIN, label=counts["twin"])]
+    if reference is not None:
+        handles.append(Line2D([], [], color=TRUTH, ls=(0, (4, 1.5)), lw=1.8, label=counts["reference"]))
+    figure.legend(handles=handles, loc="outside lower center", ncols=2)
     return figure
 
 

@@ -50,7 +50,7 @@ class Results:
         self.twin = self.variant / str(realization) if realization is not None else self.sample / "-"
 
     def path(self, name: str) -> Path:
-        """``sample:…``, ``variant:…`` or ``twin:…`` as a path."""
+        """``root:…``, ``sample:…``, ``variant:…`` or ``twin:…`` as a path."""
         level, file = name.split(":", 1)
         return getattr(self, level) / file
 
@@ -182,6 +182,15 @@ TEXTS = {
         "Isometric view of the twin's block, grains coloured by mineral, pores white.",
         "The twin is not there yet.",
     ),
+    "ensembles": Text(
+        "Ensembles side by side",
+        "Comparison",
+        "Ticks: single realizations. Dots: means with 95 % t-intervals over realizations. Dashed: target or "
+        "reference.",
+        "Realizations, means and intervals of every variant and engine, one panel a metric; the tables have the "
+        "numbers.",
+        "One twin only: there is nothing to compare and no interval to give.",
+    ),
 }
 """The words of every figure, in the report and in captions elsewhere."""
 
@@ -299,6 +308,12 @@ def figure_files(
         sizes = (None if n is None else network.element_sizes(n) for n in (twin, reference))
         return figures.network_figure(*sizes)
 
+    def ensembles() -> Figure | None:
+        rows = _summary(r)
+        if rows is None or len(rows) < 2:
+            return None
+        return figures.comparison_figure(rows, tables.intervals(rows, COMPARED))
+
     sources = {
         "section": (
             section,
@@ -333,6 +348,7 @@ def figure_files(
             ["sample:reference_network_pores.csv", "sample:reference_network_throats.csv"],
         ),
         "block": (block, ["twin:twin.zarr.zip"], ["sample:section.json"]),
+        "ensembles": (ensembles, ["root:summary.csv"], []),
     }  # fmt: skip
     return {
         name: FigureFile(name, *TEXTS[name], tuple(map(r.path, needs)), tuple(map(r.path, uses)), make)
@@ -365,9 +381,7 @@ def build_report(
     import plotly.offline
 
     root = Path(results_dir)
-    summary_path = root / "summary.csv"
-    summary = io.read_table(summary_path) if summary_path.exists() else None
-    parts = [_sample_part(root, name, n, summary, variants, realizations) for n, name in enumerate(samples)]
+    parts = [_sample_part(root, name, n, variants, realizations) for n, name in enumerate(samples)]
     loader = jinja2.Environment(
         loader=jinja2.PackageLoader("grainfall.report"), autoescape=True, trim_blocks=True,
         lstrip_blocks=True,
@@ -386,7 +400,7 @@ def build_report(
 # ---- parts of the page
 
 
-def _sample_part(root: Path, name: str, index: int, summary, variants, realizations) -> dict:
+def _sample_part(root: Path, name: str, index: int, variants, realizations) -> dict:
     """Everything the template shows of one sample."""
     twins = _twins(root / name, variants, realizations)
     first = twins[0] if twins else (None, None)
@@ -402,21 +416,23 @@ def _sample_part(root: Path, name: str, index: int, summary, variants, realizati
     judged = []
     for variant, realization in twins:
         metrics = Results(root, name, variant, realization).table("twin:metrics.csv")
-        judgements = tables.judge(metrics) if metrics is not None else []
+        judgements = tables.judge(metrics, r.phases) if metrics is not None else []
         judged.append(
-            {"variant": variant, "realization": realization, "judgements": judgements,
-             "verdict": tables.verdict(judgements),
-             "missed": [j for j in judgements if j.status == "missed"]}
-        )  # fmt: skip
-    own = None if summary is None else summary[summary["sample"] == name]
-    if own is not None and twins:
-        keys = set(twins)
-        own = own[[k in keys for k in zip(own["variant"].astype(str), own["realization"], strict=True)]]
+            {
+                "variant": variant,
+                "realization": realization,
+                "anchor": f"sample-{index}-twin-{len(judged)}",
+                "metrics": metrics,
+                "judgements": judgements,
+                "verdict": tables.verdict(judgements),
+            }
+        )
     return {
         "name": name,
         "anchor": f"sample-{index}",
         "facts": _facts(r),
         "judged": judged,
+        "verdicts": _verdicts(judged),
         "figures": shown,
         "first": {"variant": first[0], "realization": first[1]},
         "all_metrics": _all_metrics(judged),
@@ -424,7 +440,7 @@ def _sample_part(root: Path, name: str, index: int, summary, variants, realizati
         "plans": _plans(root, name, twins),
         "packing": _packing_facts(r),
         "costs": _costs(r, twins).to_dict("records"),
-        "comparison": _comparison(own),
+        "comparison": _comparison(_summary(r)),
         "view": _view(r),
     }
 
@@ -500,38 +516,81 @@ def _all_metrics(judged: list[dict]) -> dict:
     }
 
 
+def _verdicts(judged: list[dict]) -> list[dict]:
+    """What to say of each variant: its figures, and every miss once with how many realizations share it."""
+    found = []
+    for variant in dict.fromkeys(t["variant"] for t in judged):
+        twins = [t for t in judged if t["variant"] == variant]
+        misses: dict[str, list[str]] = {}
+        for j in (j for t in twins for j in t["judgements"] if j.status == "missed"):
+            misses.setdefault(j.metric, []).append(j.words)
+        met = [t["metrics"] for t in twins if t["metrics"] is not None]
+        found.append(
+            {
+                "variant": variant,
+                "said": tables.headline(met) if met else [],
+                "twins": twins,
+                "misses": [
+                    (words[0], f"in {len(words)} of {len(twins)} realizations" if len(twins) > 1 else "")
+                    for words in misses.values()
+                ],
+            }
+        )
+    return found
+
+
 def _permeability(root: Path, name: str, twins) -> list[dict]:
-    """Rows of the permeability table: method, axis, twin, reference, change."""
+    """Rows of the permeability table, references first: K, its change, formation factor by axis."""
+
+    def row(who: str, method: str, flow: pd.DataFrame, reference: pd.DataFrame | None) -> dict:
+        cells = []
+        for axis in "xyz":
+            k, factor = _along(flow, method, axis)
+            k_ref = _along(reference, method, axis)[0] if reference is not None else None
+            change = f"{k / k_ref - 1:+.0%}".replace("-", "−") if k is not None and k_ref else ""
+            cells.append({"k": k, "change": change, "factor": factor})
+        return {"who": who, "method": method, "cells": cells}
+
+    reference = Results(root, name).table("sample:reference_flow.csv")
     rows = []
+    if reference is not None:
+        rows += [row("reference", m, reference, None) for m in reference["method"].unique()]
     for variant, realization in twins:
-        r = Results(root, name, variant, realization)
-        flow, reference = r.table("twin:flow.csv"), r.table("sample:reference_flow.csv")
-        for row in () if flow is None else flow.itertuples():
-            k_ref = None
-            if reference is not None:
-                same = reference[(reference["method"] == row.method) & (reference["axis"] == row.axis)]
-                k_ref = float(same["k_md"].iloc[0]) if len(same) else None
-            change = f"{row.k_md / k_ref - 1:+.0%}" if k_ref and not pd.isna(row.k_md) else ""
-            rows.append(
-                {"variant": variant, "realization": realization, "method": row.method, "axis": row.axis,
-                 "k_md": row.k_md, "k_ref_md": k_ref, "change": change,
-                 "formation_factor": getattr(row, "formation_factor", None)}
-            )  # fmt: skip
+        flow = Results(root, name, variant, realization).table("twin:flow.csv")
+        if flow is not None:
+            rows += [row(f"{variant} {realization}", m, flow, reference) for m in flow["method"].unique()]
     return rows
 
 
+def _along(flow: pd.DataFrame, method: str, axis: str) -> tuple[float | None, float | None]:
+    """Permeability and formation factor of one method and axis."""
+    found = flow[(flow["method"] == method) & (flow["axis"] == axis)]
+    if found.empty or pd.isna(found["k_md"].iloc[0]):
+        return None, None
+    return float(found["k_md"].iloc[0]), found["formation_factor"].iloc[0]
+
+
 def _plans(root: Path, name: str, twins) -> list[dict]:
-    """The plan of every twin; twins of a variant that agree but for the cost are told apart by a column."""
-    rows = []
+    """The plans of all twins; realizations that agree in an effect and its reason share a row."""
+    shared: dict[tuple, list] = {}
     for variant, realization in twins:
         plan = Results(root, name, variant, realization).json("twin:plan.json") or {}
         for effect, entry in plan.items():
             if isinstance(entry, dict) and "on" in entry:
-                rows.append(
-                    {"variant": variant, "realization": realization, "effect": _words(effect),
-                     "on": bool(entry["on"]), "reason": str(entry.get("reason", "")),
-                     "cost_s": entry.get("cost_s")}
-                )  # fmt: skip
+                key = (_words(effect), variant, bool(entry["on"]), str(entry.get("reason", "")))
+                shared.setdefault(key, []).append((realization, entry.get("cost_s")))
+    rows = []
+    for (effect, variant, on, reason), members in shared.items():
+        costs = [c for _, c in members if c is not None]
+        rows.append(
+            {
+                "effect": effect,
+                "twins": f"{variant} {', '.join(str(r) for r, _ in members)}",
+                "on": on,
+                "reason": reason,
+                "cost_s": sum(costs) / len(costs) if costs else None,
+            }
+        )
     return rows
 
 
@@ -562,21 +621,25 @@ def _costs(r: Results, twins) -> pd.DataFrame:
 
 
 def _comparison(summary: pd.DataFrame | None) -> dict | None:
-    """Ensembles side by side, where there is more than one twin."""
+    """Ensembles of one sample side by side, where there is more than one twin."""
     if summary is None or len(summary) < 2:
         return None
-    intervals = tables.intervals(summary, COMPARED)
-    differences = tables.paired_differences(summary, COMPARED)
-    for table in (intervals, differences):
+    found = {}
+    for name, table in (
+        ("intervals", tables.intervals(summary, COMPARED)),
+        ("differences", tables.paired_differences(summary, COMPARED)),
+    ):
         table["label"] = [figures.short_label(m) for m in table["metric"]]
-        table["unit"] = [
-            "" if tables.metric(m).unit == "1" else tables.metric(m).unit for m in table["metric"]
-        ]
-    return {
-        "intervals": intervals.to_dict("records"),
-        "differences": differences.to_dict("records"),
-        "image": _data_uri(figures.comparison_figure(summary, intervals)) if len(intervals) else None,
-    }
+        table["unit"] = ["" if (unit := tables.metric(m).unit) == "1" else unit for m in table["metric"]]
+        order = table["metric"].map({m: i for i, m in enumerate(COMPARED)})
+        found[name] = table.iloc[np.argsort(order, kind="stable")].to_dict("records")
+    return found
+
+
+def _summary(r: Results) -> pd.DataFrame | None:
+    """The sample's rows of summary.csv."""
+    table = r.table("root:summary.csv")
+    return None if table is None else table[table["sample"] == r.sample_name]
 
 
 def _view(r: Results) -> dict | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -362,21 +363,6 @@ def network_values(
     return found
 
 
-def correction_values(correction: Mapping | None) -> dict[str, object]:
-    """What the final scaling of positions changed (correction.json: before, after, scale_factor)."""
-    if correction is None:
-        return {}
-    found: dict[str, object] = {"scale_factor": correction.get("scale_factor")}
-    for when in ("before", "after"):
-        state = correction.get(when) or {}
-        found |= {
-            f"contacts_{when}": state.get("contacts"),
-            f"contact_area_{when}_um2": state.get("contact_area_um2"),
-            f"euler_{when}": state.get("euler"),
-        }
-    return found
-
-
 # ---- judgement
 
 
@@ -395,7 +381,7 @@ class Judgement(NamedTuple):
     upper: float | None
 
 
-def judge(metrics: pd.DataFrame) -> list[Judgement]:
+def judge(metrics: pd.DataFrame, phases: Sequence[str] = ()) -> list[Judgement]:
     """Hold every metric of one twin against its target.
 
     Parameters
@@ -404,6 +390,8 @@ def judge(metrics: pd.DataFrame) -> list[Judgement]:
         As :func:`metrics_table` gives it. A row ``<metric>_target`` is the target of ``<metric>``, its bounds
         the accepted interval; ``k_ref_*`` rows are the targets of ``k_*``; other bounds are in
         :data:`METRICS`.
+    phases : sequence of str
+        Names of the phases, index 0 the pore; minerals are numbered without them.
     """
     rows = {r.metric: r for r in metrics.itertuples()}
     verdicts = []
@@ -411,6 +399,10 @@ def judge(metrics: pd.DataFrame) -> list[Judgement]:
         if name.endswith("_target") or name.startswith("k_ref_"):
             continue
         known, value = metric(name), _number(row.value)
+        mineral = re.search(r"mineral (\d+)", known.label)
+        if mineral and int(mineral[1]) < len(phases):
+            label = known.label.replace(mineral[0], phases[int(mineral[1])])
+            known = dataclasses.replace(known, label=label)
         target, words, status = _verdict(name, known, value, rows)
         verdicts.append(
             Judgement(name, value, target, words, status, known.label, known.unit,
@@ -490,8 +482,49 @@ def verdict(judgements: Sequence[Judgement]) -> str:
     if not judged:
         return "No metric with a target has been computed yet."
     if not missed:
-        return f"All {len(judged)} targets are met."
+        return f"{len(judged)} of {len(judged)} targets are met."
     return f"{len(judged) - len(missed)} of {len(judged)} targets are met, {len(missed)} missed."
+
+
+def headline(tables: Sequence[pd.DataFrame]) -> list[str]:
+    """What the twins of one variant are like, in sentences; figures are means over realizations.
+
+    Parameters
+    ----------
+    tables : sequence of DataFrame
+        metrics.csv of each realization.
+    """
+    mean = pd.concat(tables).groupby("metric")["value"].mean()
+
+    def of(name: str) -> float | None:
+        return _number(mean.get(name))
+
+    said = []
+    if of("porosity") is not None:
+        aim = "" if of("porosity_target") is None else f", {number(of('porosity_target'))} was asked for"
+        first = (
+            "" if of("porosity_first") is None else f"; grains alone poured to {number(of('porosity_first'))}"
+        )
+        said.append(f"Porosity is {number(of('porosity'))}{aim}{first}.")
+    k = [of(f"k_{a}_md") for a in "xyz"]
+    if all(v is not None for v in k):
+        reference = [of(f"k_ref_{a}_md") for a in "xyz"]
+        against = ""
+        if all(reference):
+            against = f", {_relative(sum(k) / sum(reference), 1.0)} by the same method on average"
+        blocked = "" if all(k) else " (0: nothing percolates)"
+        said.append(f"Permeability along x, y, z is {', '.join(map(number, k))} mD{blocked}{against}.")
+    inside, p = of("s2_inside_envelope"), of("s2_envelope_p")
+    if inside is not None:
+        said.append(
+            f"The section's S₂ lies inside the cloud of the twin's slices at {inside:.0%} of the lags."
+        )
+    if p is not None:
+        can = "cannot" if p > METRICS["s2_envelope_p"].low else "can"
+        said.append(
+            f"By S₂ the section {can} be told from a slice of the twins (envelope test, p = {number(p, 2)})."
+        )
+    return said
 
 
 # ---- realizations and costs
@@ -610,15 +643,18 @@ def number(value: float | None, digits: int = 3) -> str:
     value = _number(value)
     if value is None:
         return ""
-    if value == 0:
+    sign, size = ("\u2212" if value < 0 else ""), abs(value)
+    if size == 0:
         return "0"
-    if not 1e-4 <= abs(value) < 1e7:
-        mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
-        return f"{mantissa}·10^{int(exponent)}"
-    if float(value).is_integer():
-        return f"{int(value):,}".replace(",", "\u202f")
-    decimals = max(0, digits - 1 - math.floor(math.log10(abs(value))))
-    return f"{value:,.{decimals}f}".replace(",", "\u202f")
+    if not 1e-4 <= size < 1e7:
+        mantissa, exponent = f"{size:.{digits - 1}e}".split("e")
+        return f"{sign}{mantissa}·10^{int(exponent)}"
+    if size.is_integer():
+        return sign + f"{int(size):,}".replace(",", "\u202f")
+    text = f"{size:,.{max(0, digits - 1 - math.floor(math.log10(size)))}f}"
+    if "." in text and float(text.replace(",", "")) == size:
+        text = text.rstrip("0")  # 0.05 is 0.05, not 0.0500
+    return sign + text.replace(",", "\u202f")
 
 
 def _number(value: object) -> float | None:
