@@ -310,6 +310,8 @@ def test_correction_refuses_a_large_step():
     assert report["scale_factor"] == 1.0
     assert report["after"] == report["before"]
     pd.testing.assert_frame_equal(moved, bodies)
+    off = volume.correct_porosity(bodies, library, (30, 30, 30), 1.0, 0.9, limit=0.0)[1]
+    assert (off["applied"], off["reason"]) == (False, "switched off")
 
 
 def test_correction_says_when_nothing_can_move_in():

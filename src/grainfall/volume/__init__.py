@@ -3,9 +3,10 @@
 from grainfall.volume.correction import correct_porosity
 from grainfall.volume.export import export_metaimage, export_raw, export_vti
 from grainfall.volume.measures import adjacent_pairs, euler_number, porosity
-from grainfall.volume.scan import voxelise, voxelise_slabs
+from grainfall.volume.scan import VIRTUAL, voxelise, voxelise_slabs
 
 __all__ = [
+    "VIRTUAL",
     "adjacent_pairs",
     "correct_porosity",
     "euler_number",

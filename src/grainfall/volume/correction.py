@@ -46,7 +46,7 @@ def correct_porosity(
     target : float
         Porosity wanted.
     limit : float
-        Largest |target - porosity| that position scaling may bridge.
+        Largest |target - porosity| that position scaling may bridge; 0 switches it off.
     max_passes : int
         Voxelisations at most.
     threads : int
@@ -92,6 +92,9 @@ def correct_porosity(
         "after": before,
     }
     gap = first[3]
+    if limit == 0.0:
+        report["reason"] = "switched off"
+        return grains, report
     if abs(gap) > limit:
         report["reason"] = f"target not reachable by position scaling: |dphi| = {abs(gap):.4f} > {limit:g}"
         return grains, report

@@ -23,6 +23,9 @@ from numba import njit
 SPHERE = -1
 """Shape id of a body that is a sphere of radius ``scale``, not a mesh of the library."""
 
+VIRTUAL = 255
+"""Phase label of virtual bodies."""
+
 
 class Meshes(Protocol):
     """What voxelisation needs of a grain library: closed meshes of equal-volume radius 1."""
@@ -37,7 +40,7 @@ def voxelise(
     shape: tuple[int, int, int],
     voxel_size_um: float,
     origin_um: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    sphere_label: int = 255,
+    sphere_label: int = VIRTUAL,
     *,
     slab: int = 64,
     threads: int = 1,
@@ -99,7 +102,7 @@ def voxelise_slabs(
     shape: tuple[int, int, int],
     voxel_size_um: float,
     origin_um: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    sphere_label: int = 255,
+    sphere_label: int = VIRTUAL,
     *,
     slab: int = 64,
 ) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
