@@ -8,7 +8,7 @@ with stage(snakemake) as progress:
     files, settings = snakemake.input, snakemake.params.settings
 
     def table(name):
-        return io.read_table(files[name]) if files.get(name) else None
+        return io.read_table(str(files[name])) if files.get(name) else None
 
     scene = io.read_json(files.scene)
     phase, _ = io.read_volume(files.twin, "phase")
@@ -16,7 +16,7 @@ with stage(snakemake) as progress:
     method = settings["flow"]["methods"][0]
     reference = None
     if files.get("reference_pores"):
-        reference = network.element_sizes(network.load(files.reference_pores, files.reference_throats))
+        reference = network.element_sizes(network.load(str(files.reference_pores), str(files.reference_throats)))
     twin_network = network.element_sizes(network.load(files.network_pores, files.network_throats))
     costs = report.read_costs(files.benchmarks)
     s2_volume = table("s2_volume")

@@ -16,5 +16,5 @@ with stage(snakemake) as progress:
         snakemake.output.volume,
         {"phase": phase},
         scene["voxel_size_um"],
-        {"phases": scene["phases"], "seed": snakemake.params.stream["seed"], "virtual": volume.VIRTUAL},
+        {"phases": scene["phases"], "seed": snakemake.params.stream["seed"], "virtual_label": volume.VIRTUAL},
     )
