@@ -6,9 +6,10 @@ caller sees one :class:`~grainfall.errors.InputError`.
 
 from __future__ import annotations
 
-import json
 import logging
+import os
 import struct
+import sys
 import warnings
 import zipfile
 from collections.abc import Iterator, Sequence
@@ -277,15 +278,7 @@ def _read_tiff(path: Path, ndim: int, indexed: bool, max_pixels: int) -> np.ndar
         _check_declared(path, series.shape, series.dtype, ndim, max_pixels)
         _check_declared(path, page.shape, series.dtype, len(page.shape), max_pixels)
         _check_declared(path, page.chunks, series.dtype, len(page.chunks), max_pixels)
-        end = tif.filehandle.size
-        pages = series.pages if len(series.pages) > 1 else [page]
-        for one in pages:
-            spans = list(zip(one.dataoffsets, one.databytecounts, strict=True))
-            if not spans or any(count == 0 or offset + count > end for offset, count in spans):
-                raise InputError(path, "damaged or truncated file (pixels are missing)", INTACT)
-        if page.compression == 1 and sum(c for one in pages for c in one.databytecounts) * 8 < (
-            page.bitspersample * prod(page.shape) * len(pages)
-        ):
+        if any(0 in one.databytecounts for one in series.pages if one is not None):
             raise InputError(path, "damaged or truncated file (pixels are missing)", INTACT)
         if page.compression in _TIFFFILE_CODECS and page.predictor in (1, 2):
             return series.asarray(maxworkers=1)
@@ -293,11 +286,25 @@ def _read_tiff(path: Path, ndim: int, indexed: bool, max_pixels: int) -> np.ndar
     return _read_tiff_pillow(path, inverted)
 
 
+@contextmanager
+def _silent_libraries() -> Iterator[None]:
+    """Nothing on the process's standard error: libtiff prints there what Pillow then raises."""
+    sys.stderr.flush()
+    before = os.dup(2)
+    try:
+        with open(os.devnull, "wb") as nowhere:
+            os.dup2(nowhere.fileno(), 2)
+        yield
+    finally:
+        os.dup2(before, 2)
+        os.close(before)
+
+
 def _read_tiff_pillow(path: Path, inverted: bool) -> np.ndarray:
     """TIFF whose compression (LZW, fax, JPEG ...) tifffile leaves to an optional package."""
     from PIL import Image, ImageSequence
 
-    with _unlimited_pillow(), Image.open(path) as image:
+    with _unlimited_pillow(), _silent_libraries(), Image.open(path) as image:
         frames = [np.array(frame) for frame in ImageSequence.Iterator(image)]
     volume = frames[0] if len(frames) == 1 else np.stack(frames)
     # Pillow shows 0 as white where the file asks for it; undo that, the stored values are the labels.
@@ -364,7 +371,8 @@ def _read_zarr(
 
     node = zarr.open(store, mode="r")
     if isinstance(node, zarr.Group):
-        names = [name for name, _ in node.arrays()]
+        # Not node.arrays(): of a damaged file it leaves tracebacks of its tasks on the screen.
+        names = [name for name in _children(store) if isinstance(node[name], zarr.Array)]
         if array is None and not any(name in names for name in prefer):
             array = _ome_array(dict(node.attrs))
         if array is not None and "/" in array and array in node:
@@ -373,12 +381,25 @@ def _read_zarr(
             node = node[_choose(path, names, array, prefer)]
     if not isinstance(node, zarr.Array):
         raise InputError(path, f"{array!r} is a group", "name an array")
-    # Some Zarr filters unpickle, which would run whatever the file says.
-    if "pickle" in json.dumps(node.metadata.to_dict(), default=str):
-        raise InputError(path, "a Zarr array of pickled objects", "plain integers (or floats) are needed")
     _check_declared(path, node.shape, node.dtype, ndim, max_pixels)
     _check_declared(path, node.shards or node.chunks, node.dtype, len(node.chunks), max_pixels)
     return np.asarray(node[...])
+
+
+def _children(store) -> list[str]:
+    """Names of the nodes directly below the root of a Zarr directory or zip."""
+    if isinstance(store, Path):
+        keys = [
+            f"{folder.name}/{name}"
+            for folder in store.iterdir()
+            for name in _ZARR_METADATA
+            if (folder / name).is_file()
+        ]
+    else:
+        with zipfile.ZipFile(store.path) as archive:
+            keys = archive.namelist()
+    parts = [key.split("/") for key in keys]
+    return sorted({part[0] for part in parts if len(part) == 2 and part[1] in _ZARR_METADATA})
 
 
 def _ome_array(attributes: dict) -> str | None:
