@@ -402,6 +402,11 @@ def test_phase_without_masks_is_an_input_error(section):
         grains.build_library(labels, table, 1, np.random.default_rng(0))
 
 
+def test_section_without_grains_is_an_input_error(section):
+    with pytest.raises(InputError, match="no grain"):
+        grains.build_library(section[0], section[1].iloc[:0], 1, np.random.default_rng(0))
+
+
 def test_discs_make_spheres():
     y, x = np.mgrid[:300, :300]
     labels = np.zeros((300, 300), dtype=np.int32)

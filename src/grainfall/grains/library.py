@@ -144,8 +144,10 @@ def build_library(
     Raises
     ------
     InputError
-        Where a phase has no usable mask.
+        Where there is no grain, or a phase has no usable mask.
     """
+    if grains2d.empty:
+        raise InputError("grains2d", "there is no grain", "give a section with grains")
     usable, skipped = _contours(labels, grains2d)
     shapes, rows = [], []
     for phase in sorted(grains2d["phase"].unique()):
