@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 from scipy.spatial.transform import Rotation
+from scipy.stats import wasserstein_distance
 
 from grainfall import grains, io
 from grainfall.errors import InputError
@@ -136,14 +137,6 @@ def test_polygon_iou_of_shifted_squares():
     assert contours.polygon_iou(square, square + np.array([0.5, 0])) == pytest.approx(1 / 3, abs=0.005)
 
 
-@pytest.mark.parametrize("turn", [0.0, 0.7, 2.0])
-def test_principal_contour_lies_along_u(turn):
-    contour = contours.principal_contour(grains.unit_contour(ellipse(1.5, 0.9, turn=turn)))
-    _, _, covariance = contours.polygon_moments(contour)
-    assert covariance[0, 1] == pytest.approx(0, abs=1e-12)
-    assert np.sqrt(covariance[0, 0] / covariance[1, 1]) == pytest.approx(1.5 / 0.9, rel=0.01)
-
-
 # ---- one grain ----------------------------------------------------------------------------------------
 
 
@@ -251,6 +244,15 @@ def test_random_star_masks_give_sound_grains(seed, roughness, resolution):
     if grain.reading == "angle":
         assert_star_shaped(grain)
     assert grain.stretch >= 1
+
+
+def test_mesh_is_refined_only_where_that_helps():
+    plain = grains.grain_from_masks(*FIGURES["ellipses"])
+    toothed = wavy(0.12, 0.4, 13)
+    fine = grains.grain_from_masks(toothed, toothed, toothed)
+    coarse = grains.grain_from_masks(toothed, toothed, toothed, resolution=48)
+    assert len(plain.vertices) == 1106
+    assert coarse.iou.min() < 0.98 <= fine.iou.min()
 
 
 @pytest.mark.parametrize("resolution", [0, 4, 10])
@@ -400,9 +402,73 @@ def test_phase_without_masks_is_an_input_error(section):
         grains.build_library(labels, table, 1, np.random.default_rng(0))
 
 
-def test_unknown_alignment_is_an_input_error(section):
-    with pytest.raises(InputError, match="alignment"):
-        grains.build_library(*section, 1, np.random.default_rng(0), alignment="sideways")
+def test_section_without_grains_is_an_input_error(section):
+    with pytest.raises(InputError, match="no grain"):
+        grains.build_library(section[0], section[1].iloc[:0], 1, np.random.default_rng(0))
+
+
+def test_discs_make_spheres():
+    y, x = np.mgrid[:300, :300]
+    labels = np.zeros((300, 300), dtype=np.int32)
+    for n in range(9):
+        cy, cx, radius = 50 + 100 * (n // 3), 50 + 100 * (n % 3), 25 + 2 * n
+        labels[(y - cy) ** 2 + (x - cx) ** 2 < radius**2] = n + 1
+    table = measure_grains(labels, (labels > 0).astype(np.uint8), 1.0)
+    found = grains.build_library(labels, table, 4, np.random.default_rng(0)).table
+    assert (found["sphericity"] > 0.985).all()
+    assert (found["hull_excess"] < 0.02).all()
+    assert (found["aspect_ratio"] < 1.03).all()
+    assert (found["stretch"] < 1.03).all()
+    assert found["inertia_xx"].to_numpy() == pytest.approx(np.full(4, 8 * np.pi / 15), rel=0.03)
+
+
+def test_sections_of_the_shapes_are_as_elongated_as_the_masks():
+    # the masks: isotropic sections of ellipsoids 1 : 0.6 : 0.4, whose aspects are known without a mesh
+    rng = np.random.default_rng(8)
+    quadric = np.diag(np.array([1, 0.6, 0.4]) ** -2.0)
+    reach = np.linalg.inv(quadric)
+    labels, aspects = np.zeros((60 * 9, 60 * 9), dtype=np.int32), []
+    y, x = np.mgrid[:60, :60] - 29.5
+    while len(aspects) < 81:
+        frame = Rotation.random(rng=rng).as_matrix()
+        normal = frame[:, 2]
+        if rng.random() > np.sqrt(normal @ reach @ normal):
+            continue  # a plane meets a body as often as the body is wide across it
+        form = frame[:, :2].T @ quadric @ frame[:, :2]
+        aspects.append(np.sqrt(np.linalg.cond(form)))
+        form *= 14**-2 / np.sqrt(np.linalg.det(form))
+        n = len(aspects) - 1
+        cell = labels[60 * (n // 9) :, 60 * (n % 9) :][:60, :60]
+        cell[form[0, 0] * x**2 + 2 * form[0, 1] * x * y + form[1, 1] * y**2 < 1] = n + 1
+    table = measure_grains(labels, (labels > 0).astype(np.uint8), 1.0)
+    library = grains.build_library(labels, table, 40, rng, resolution=16)
+    rebuilt = []
+    while len(rebuilt) < 240:
+        shape = rng.integers(len(library))
+        vertices, faces = library.mesh(shape)
+        frame = Rotation.random(rng=rng).as_matrix()
+        across = vertices @ frame[:, 2]
+        if rng.random() > np.ptp(across) / 5:
+            continue
+        level = rng.uniform(across.min(), across.max())
+        mesh = trimesh.Trimesh(vertices, faces, process=False)
+        lines = trimesh.intersections.mesh_plane(mesh, frame[:, 2], level * frame[:, 2])
+        if len(lines) >= 8:  # not a mere corner
+            loop = max(trimesh.load_path(lines @ frame[:, :2]).discrete, key=len)
+            rebuilt.append(np.sqrt(np.linalg.cond(contours.polygon_moments(loop[:-1])[2])))
+    # spheres would be off by the mean excess over 1; masks that were not central sections round a little
+    assert wasserstein_distance(rebuilt, aspects) < (np.mean(aspects) - 1) / 3
+    assert np.mean(rebuilt) == pytest.approx(np.mean(aspects), rel=0.12)
+
+
+def test_more_candidates_stretch_less(section):
+    stretch = [
+        grains.build_library(*section, 20, np.random.default_rng(4), candidates=n, resolution=8)
+        .table["stretch"]
+        .median()
+        for n in (1, 4, 16)
+    ]
+    assert stretch[0] > stretch[1] > stretch[2]
 
 
 def test_missing_or_broken_library_is_an_input_error(library, tmp_path):
@@ -488,11 +554,11 @@ def test_real_grains_are_reproduced(shared_data):
     table = measure_grains(labels, (labels > 0).astype(np.uint8), 1.0)
     iou, seen = [], []
     for mask in grain_masks(labels, table)[:100]:
-        contour = contours.principal_contour(grains.unit_contour(mask))
+        contour = grains.unit_contour(mask)
         iou.append(grains.grain_from_contours([contour] * 3).iou.min())
         seen.append(contours.star_overlap(contour))
     iou, seen = np.array(iou), np.array(seen)
     whole = seen > 0.999
     assert whole.mean() > 0.9
-    assert (iou[whole] >= 0.98).mean() > 0.98  # a spike narrower than a mesh edge may cost one its mark
+    assert iou[whole].min() >= 0.98
     assert (iou >= seen - 0.04).all()  # no loss beyond the mesh's and the fold's

@@ -91,13 +91,6 @@ def polygon_moments(polygon: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]
     return area, centroid + origin, second / (24 * area) - np.outer(centroid, centroid)
 
 
-def principal_contour(contour: np.ndarray) -> np.ndarray:
-    """The contour turned about the origin so that its longest principal axis lies along u."""
-    axes = np.linalg.eigh(polygon_moments(contour)[2])[1]
-    along = axes[:, 1]
-    return contour @ np.array([[along[0], -along[1]], [along[1], along[0]]])
-
-
 def ray_radii(contour: np.ndarray, angles: np.ndarray) -> np.ndarray:
     r"""Area-true radius in each direction: :math:`\rho(\theta)^2 = 2\int 1_\text{mask}\, r\, dr`.
 

@@ -12,8 +12,15 @@ from scipy.spatial import ConvexHull
 
 from grainfall import io
 from grainfall.errors import InputError
-from grainfall.grains.contours import Unusable, principal_contour
-from grainfall.grains.shape import Grain, grain_from_contours, mass_properties, unit_contour
+from grainfall.grains.contours import Unusable
+from grainfall.grains.shape import (
+    Grain,
+    agreed_half_axes,
+    grain_from_contours,
+    half_axes_seen,
+    mass_properties,
+    unit_contour,
+)
 from grainfall.morphology import grain_masks
 
 SPHERE = -1
@@ -106,13 +113,16 @@ def build_library(
     shapes_per_phase: int,
     rng: np.random.Generator,
     *,
-    alignment: str = "random",
-    resolution: int = 48,
+    candidates: int = 12,
+    resolution: int | None = None,
 ) -> Library:
     """Draw masks, three to a grain, and build the shapes of every mineral.
 
-    The first mask is drawn from the mineral's uncut grains by their Miles–Lantuéjoul weights; the other two
-    by the same weights from its size bin (bins of about a dozen masks or more, at most ten).
+    The first mask is drawn from the mineral's uncut grains by their Miles–Lantuéjoul weights, the other two
+    by the same weights from its size bin (equal counts of a dozen masks or more, at most ten bins). Each is
+    turned at random in its plane, as isotropy has it. Of several such draws of the other two, the one is kept
+    that needs the least stretch: masks that could belong to one grain make sections nearer to the masks than
+    masks that are forced together.
 
     Parameters
     ----------
@@ -122,10 +132,10 @@ def build_library(
         Columns grain, phase, r_um, border, weight.
     shapes_per_phase : int
     rng : numpy.random.Generator
-    alignment : {"random", "principal"}
-        How a mask is turned in its plane: at random, or long axis along x (along y in the yz plane).
-    resolution : int
-        Points around the equator (:func:`~grainfall.grains.grain_from_masks`).
+    candidates : int
+        Draws of the second and third mask for each shape; 1 takes the first that comes.
+    resolution : int, optional
+        Points around the equator, see :func:`~grainfall.grains.grain_from_masks`.
 
     Returns
     -------
@@ -134,10 +144,10 @@ def build_library(
     Raises
     ------
     InputError
-        Where a phase has no usable mask.
+        Where there is no grain, or a phase has no usable mask.
     """
-    if alignment not in ("random", "principal"):
-        raise InputError("alignment", f"unknown value {alignment!r}", "random or principal")
+    if grains2d.empty:
+        raise InputError("grains2d", "there is no grain", "give a section with grains")
     usable, skipped = _contours(labels, grains2d)
     shapes, rows = [], []
     for phase in sorted(grains2d["phase"].unique()):
@@ -151,10 +161,7 @@ def build_library(
         radius, weight = masks["r_um"].to_numpy(), masks["weight"].to_numpy()
         bins = _size_bins(radius)
         for _ in range(shapes_per_phase):
-            first = _draw(rng, weight)
-            near = np.flatnonzero(bins == bins[first])
-            chosen = [first, *(near[_draw(rng, weight[near])] for _ in range(2))]
-            contours = [_turned(masks["contour"].iloc[i], alignment, rng) for i in chosen]
+            chosen, contours = _three_masks(masks["contour"].to_list(), bins, weight, candidates, rng)
             grain = grain_from_contours(contours, resolution=resolution)
             vertices, properties = _normalised(grain)
             shapes.append((vertices, grain.faces))
@@ -162,7 +169,7 @@ def build_library(
                 {
                     "shape": len(rows),
                     "phase": int(phase),
-                    "r2d_um": radius[first],
+                    "r2d_um": radius[chosen[0]],
                     **{
                         f"mask_{p}": int(masks["grain"].iloc[i]) for p, i in zip(_PLANES, chosen, strict=True)
                     },
@@ -204,10 +211,27 @@ def _draw(rng: np.random.Generator, weight: np.ndarray) -> int:
     return int(rng.choice(len(weight), p=weight / weight.sum()))
 
 
-def _turned(contour: np.ndarray, alignment: str, rng: np.random.Generator) -> np.ndarray:
-    if alignment == "principal":
-        return principal_contour(contour) * rng.choice([-1.0, 1.0])
-    angle = rng.uniform(0, 2 * np.pi)
+def _three_masks(
+    contours: list[np.ndarray],
+    bins: np.ndarray,
+    weight: np.ndarray,
+    candidates: int,
+    rng: np.random.Generator,
+) -> tuple[list[int], list[np.ndarray]]:
+    """Masks of one size bin and their turned contours: the draw of least stretch among the candidates."""
+    first = _draw(rng, weight)
+    near = np.flatnonzero(bins == bins[first])
+    best = None
+    for _ in range(candidates):
+        chosen = [first, *(int(near[_draw(rng, weight[near])]) for _ in range(2))]
+        turned = [_turned(contours[i], rng.uniform(0, 2 * np.pi)) for i in chosen]
+        _, stretch = agreed_half_axes(np.array([half_axes_seen(c) for c in turned]))
+        if best is None or stretch < best[0]:
+            best = stretch, chosen, turned
+    return best[1:]
+
+
+def _turned(contour: np.ndarray, angle: float) -> np.ndarray:
     c, s = np.cos(angle), np.sin(angle)
     return contour @ np.array([[c, s], [-s, c]])
 
