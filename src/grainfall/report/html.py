@@ -187,8 +187,8 @@ TEXTS = {
         "Comparison",
         "Ticks: single realizations. Dots: means with 95 % t-intervals over realizations. Dashed: target or "
         "reference.",
-        "Realizations, means and intervals of every variant and engine, one panel a metric; the tables have the "
-        "numbers.",
+        "Realizations, means and intervals of every variant and engine, one panel a metric; the tables below "
+        "have the numbers.",
         "One twin only: there is nothing to compare and no interval to give.",
     ),
 }
