@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grainfall import io
+from grainfall import grains, io, network
 from grainfall.report import (
     METRICS,
     SUMMARY_COLUMNS,
@@ -96,6 +96,13 @@ def make_sample(root: Path, name="demo", variants=("full", "bullet"), realizatio
             "notes": {"thresholds": [17, 91]},
         },
     )
+    ball, faces = grains.sphere()
+    masks = np.unique(labels)[1:]
+    shapes = pd.DataFrame(
+        {"shape": range(4), "phase": [1, 1, 2, 2], "r2d_um": [8.0, 12.0, 9.0, 14.0],
+         **{f"mask_{plane}": masks[k : k + 4] for k, plane in enumerate(("xy", "xz", "yz"))}}
+    )  # fmt: skip
+    grains.Library([ball] * 4, [faces] * 4, shapes).save(sample / "grains3d")
     sizes = [histogram("grain", 1, 12, rng), histogram("grain", 2, 14, rng), histogram("pore", 0, 6, rng)]
     io.write_table(sample / "sizes.csv", pd.concat(sizes))
     (sample / "benchmarks").mkdir()
@@ -108,6 +115,11 @@ def make_sample(root: Path, name="demo", variants=("full", "bullet"), realizatio
     lags = np.arange(0, 60, 2.0)
     if reference:
         io.write_volume(sample / "reference.zarr.zip", {"phase": balls((20, 20, 20), 9, rng)[1]}, PIXEL)
+        network.save(
+            small_network(rng),
+            sample / "reference_network_pores.csv",
+            sample / "reference_network_throats.csv",
+        )
         io.write_table(sample / "truth_sizes.csv", pd.DataFrame({"phase": 1, "r_um": rng.normal(12, 2, 80)}))
         io.write_table(sample / "reference_flow.csv", flow.assign(k_md=[1190.0, 1000.0, 900.0]))
         io.write_table(
@@ -153,11 +165,11 @@ def make_sample(root: Path, name="demo", variants=("full", "bullet"), realizatio
                               "scale": rng.normal(13, 2, 40), "x": rng.uniform(-20, 110, 40),
                               "y": rng.uniform(0, 80, 40), "z": rng.uniform(0, 80, 40)}),
             )  # fmt: skip
-            grains, twin_pores = (
+            seen, twin_pores = (
                 grain_table(rng, 60, 12.5),
                 grain_table(rng, 60, 5).rename(columns={"grain": "pore"}),
             )
-            io.write_table(twin / "grains2d.csv", grains)
+            io.write_table(twin / "grains2d.csv", seen)
             io.write_table(twin / "pores2d.csv", twin_pores)
             slices = [
                 pd.DataFrame(
@@ -168,6 +180,7 @@ def make_sample(root: Path, name="demo", variants=("full", "bullet"), realizatio
             io.write_table(twin / "s2_slices.csv", pd.concat(slices))
             ours = flow.assign(k_md=flow["k_md"] * rng.uniform(0.9, 1.1))
             io.write_table(twin / "flow.csv", ours)
+            network.save(small_network(rng), twin / "network_pores.csv", twin / "network_throats.csv")
             benchmarks = twin / "benchmarks"
             benchmarks.mkdir()
             for part in ("1-of-2", "2-of-2"):
@@ -184,7 +197,7 @@ def make_sample(root: Path, name="demo", variants=("full", "bullet"), realizatio
                     "max_overlap": 0.001,
                     "coordination": None,
                     **section_comparison(
-                        io.read_table(sample / "grains2d.csv"), pores, grains, twin_pores,
+                        io.read_table(sample / "grains2d.csv"), pores, seen, twin_pores,
                         np.random.default_rng(1), repeats=20,
                     ),
                     **phase_values(volume, phase),
@@ -198,6 +211,19 @@ def make_sample(root: Path, name="demo", variants=("full", "bullet"), realizatio
             )
     io.write_table(root / "summary.csv", pd.concat(rows))
     return root
+
+
+def small_network(rng, pores=30):
+    """Pores on a line, each linked to the next; the first and last lie beyond the faces."""
+    ends = np.arange(pores) % (pores - 1) == 0
+    return {
+        "pore.coords": rng.uniform(0, 80, (pores, 3)),
+        "pore.boundary": ends,
+        "pore.inscribed_diameter": rng.uniform(2, 9, pores),
+        "pore.extended_diameter": rng.uniform(2, 9, pores),
+        "throat.conns": np.stack([np.arange(pores - 1), np.arange(1, pores)], axis=1),
+        "throat.inscribed_diameter": rng.uniform(1, 4, pores - 1),
+    }
 
 
 class Page(html.parser.HTMLParser):
@@ -333,31 +359,62 @@ def test_phase_names_are_data_in_the_3d_view(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("gone", "said"),
+    "gone",
     [
-        ("reference*", "none: the section alone judges the twin"),
-        ("*/*/virtual_spheres.*", "No virtual spheres were called for"),
-        ("*/*/s2_slices.csv", "S₂ has not been computed yet"),
-        ("*/*/flow.csv", "No permeability has been computed yet"),
-        ("*/*/plan.json", "No plan has been written"),
-        ("*/*/metrics.csv", "No twin has been judged yet"),
-        ("sizes.csv", "No sizes have been unfolded yet"),
-        ("labels.zarr.zip", "The section"),
-        ("**/benchmarks/*.tsv", "No benchmark files were found"),
-        ("*/s2_envelope.*", "Two-point correlation"),
+        {
+            "reference*": "none: the section alone judges the twin",
+            "*/*/virtual_spheres.*": "No virtual spheres were called for",
+            "*/*/plan.json": "No plan has been written",
+            "**/benchmarks/*.tsv": "No benchmark files were found",
+        },
+        {
+            "*/*/s2_slices.csv": "S₂ has not been computed yet",
+            "*/*/flow.csv": "No permeability has been computed yet",
+            "sizes.csv": "No sizes have been unfolded yet",
+            "grains3d/*": "The grain library is not there yet",
+            "*/*/network_*": "The pore network has not been extracted",
+        },
+        {
+            "*/*/metrics.csv": "No metric with a target has been computed yet",
+            "labels.zarr.zip": "The section",
+            "*/s2_envelope.*": "Two-point correlation",
+            "*/*/first/*": "The two packings and the twin",
+            "truth_sizes.csv": "Sizes in 2D and in 3D",
+        },
     ],
 )
-def test_page_degrades(tmp_path, gone, said):
+def test_page_degrades(tmp_path, gone):
     root = make_sample(tmp_path, variants=("full",), realizations=1)
-    files = list((root / "demo").glob(gone))
-    assert files
-    for file in files:
-        file.unlink()
-    build_report(root, ["demo"], root / "report.html")
+    for pattern in gone:
+        files = [f for f in (root / "demo").glob(pattern) if f.is_file()]
+        assert files
+        for file in files:
+            file.unlink()
+    build_report(root, ["demo"], root / "report.html", variants=["full"], realizations=[0])
     parsed = Page((root / "report.html").read_text(encoding="utf-8"))
-    assert said in parsed.text
+    for said in gone.values():
+        assert said in parsed.text
     assert "One twin only" in parsed.text
     assert not parsed.faults
+
+
+def test_one_mineral_and_nothing_that_flows(tmp_path):
+    root = make_sample(tmp_path, variants=("full",), realizations=1, reference=False)
+    twin = root / "demo" / "full" / "0"
+    sizes = io.read_table(root / "demo/sizes.csv")
+    io.write_table(root / "demo/sizes.csv", sizes[sizes["phase"] < 2])
+    io.write_json(root / "demo/section.json", {"phases": ["pore", "solid"]})
+    solid = np.ones((20, 20, 20), np.uint8)
+    io.write_volume(twin / "twin.zarr.zip", {"phase": solid}, PIXEL, {"phases": ["pore", "solid"]})
+    network.save(network.empty(), twin / "network_pores.csv", twin / "network_throats.csv")
+    flow = io.read_table(twin / "flow.csv").assign(k_md=0.0, formation_factor=np.nan)
+    io.write_table(twin / "flow.csv", flow)
+    io.write_table(twin / "metrics.csv", metrics_table({"porosity": 0.0} | flow_values(flow)))
+    build_report(root, ["demo"], root / "report.html")
+    text = Page((root / "report.html").read_text(encoding="utf-8")).text
+    assert "Permeability along x, y, z is 0, 0, 0 mD (0: nothing percolates)" in text
+    assert "nothing flows through: K = 0" in text
+    assert "has no pores" in text
 
 
 # ---- figures
@@ -366,14 +423,14 @@ def test_page_degrades(tmp_path, gone, said):
 def test_every_figure_can_be_a_file(tree, tmp_path):
     files = figure_files(tree, "demo", "full", 0)
     for name, figure in files.items():
-        assert figure.caption
-        assert figure.alt
-        for suffix in ("svg", "png"):
-            one, two = tmp_path / f"{name}.{suffix}", tmp_path / f"{name}-again.{suffix}"
-            figure.save(one)
-            figure.save(two)
-            assert one.read_bytes() == two.read_bytes()
-            assert one.stat().st_size > 1000
+        figure.save(tmp_path / f"{name}.svg")
+        text = (tmp_path / f"{name}.svg").read_text(encoding="utf-8")
+        assert figure.available
+        assert len(text) > 5000
+        assert "<dc:date>" not in text
+    for n in range(2):
+        files["sizes"].save(tmp_path / f"{n}.png")
+    assert (tmp_path / "0.png").read_bytes() == (tmp_path / "1.png").read_bytes()
 
 
 def test_a_figure_without_its_files_is_a_sentence(tmp_path):
@@ -440,13 +497,13 @@ def test_distances_ignore_border_grains_and_use_weights():
 
 def test_chance_bound_holds_for_chance_and_catches_a_shift():
     rng = np.random.default_rng(3)
-    one = grain_table(rng, 400, 12)
-    twins = [grain_table(rng, 400, 12) for _ in range(20)]
+    one = grain_table(rng, 200, 12)
+    twins = [grain_table(rng, 200, 12) for _ in range(12)]
     inside = 0
     for twin in twins:
-        found = section_comparison(one, None, twin, None, np.random.default_rng(1), repeats=100)
+        found = section_comparison(one, None, twin, None, np.random.default_rng(1), repeats=60)
         inside += found["w1_grains_um"] <= found["w1_grains_um_target"][2]
-    assert inside >= 14  # two draws from one law, against a bound drawn from one of them
+    assert inside >= 8  # two draws from one law, against a bound drawn from one of them
     shifted = section_comparison(one, None, one.assign(r_um=one["r_um"] + 2), None, np.random.default_rng(1))
     assert shifted["w1_grains_um"] > shifted["w1_grains_um_target"][2]
 

@@ -171,7 +171,7 @@ TEXTS = {
     "network": Text(
         "Pore network",
         "Network",
-        "Radii of pores and throats and throats per pore, twin against reference where there is one.",
+        "Radii of linked pores and of throats, throats per pore; twin against reference where there is one.",
         "Histograms of pore radii, throat radii and coordination of the pore network.",
         "The pore network has not been extracted, or has no pores.",
     ),
@@ -187,8 +187,8 @@ TEXTS = {
         "Comparison",
         "Ticks: single realizations. Dots: means with 95 % t-intervals over realizations. Dashed: target or "
         "reference.",
-        "Realizations, means and intervals of every variant and engine, one panel a metric; the tables have the "
-        "numbers.",
+        "Realizations, means and intervals of every variant and engine, one panel a metric; the tables below "
+        "have the numbers.",
         "One twin only: there is nothing to compare and no interval to give.",
     ),
 }
@@ -212,9 +212,14 @@ class FigureFile:
     """Further files that it draws where they exist."""
     make: Callable[[], Figure | None]
 
+    @property
+    def available(self) -> bool:
+        """Whether the needed files are there."""
+        return all(p.exists() for p in self.needs)
+
     def draw(self) -> Figure | None:
         """The figure, or ``None`` where there is nothing to draw."""
-        return self.make() if all(p.exists() for p in self.needs) else None
+        return self.make() if self.available else None
 
     def save(self, path: str | Path) -> None:
         """Write the figure, or the sentence that stands for it."""
@@ -302,7 +307,7 @@ def figure_files(
 
     def pore_network() -> Figure | None:
         twin = _network(r, "twin:network")
-        if twin is None or len(twin["pore.coords"]) == 0:
+        if twin is None or len(network.element_sizes(twin)["pore_radius_um"]) == 0:
             return None
         reference = _network(r, "sample:reference_network")
         sizes = (None if n is None else network.element_sizes(n) for n in (twin, reference))
@@ -553,12 +558,12 @@ def _permeability(root: Path, name: str, twins) -> list[dict]:
 
     reference = Results(root, name).table("sample:reference_flow.csv")
     rows = []
-    if reference is not None:
-        rows += [row("reference", m, reference, None) for m in reference["method"].unique()]
     for variant, realization in twins:
         flow = Results(root, name, variant, realization).table("twin:flow.csv")
         if flow is not None:
             rows += [row(f"{variant} {realization}", m, flow, reference) for m in flow["method"].unique()]
+    if rows and reference is not None:
+        rows = [row("reference", m, reference, None) for m in reference["method"].unique()] + rows
     return rows
 
 

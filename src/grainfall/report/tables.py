@@ -74,7 +74,7 @@ METRICS: dict[str, Metric] = {
     "max_overlap": Metric("largest overlap, of the smaller radius", source="contacts.csv", high=0.02),
     "coordination": Metric("contacts per grain, without rattlers", "contacts", "contacts.csv"),
     "rattlers": Metric("share of grains that carry nothing", source="contacts.csv"),
-    "n_pores": Metric("pores of the network", "pores", "network"),
+    "n_pores": Metric("linked pores of the network", "pores", "network"),
     "n_throats": Metric("throats of the network", "throats", "network"),
     "w1_network_pores_um": Metric("network pore radii, distance to the reference", "µm", "network"),
     "w1_network_throats_um": Metric("network throat radii, distance to the reference", "µm", "network"),

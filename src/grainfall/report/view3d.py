@@ -17,7 +17,7 @@ TRIANGLES = 160_000
 """Most triangles of one view; the grid is coarsened until they fit."""
 STEPS = 64
 """Positions are kept to 1/64 of a coarse voxel."""
-NETWORK_COLOUR = "#333333"
+NETWORK_COLOUR = "#6E6E6E"
 
 
 def view_data(
@@ -126,18 +126,19 @@ def _network(network: Mapping[str, np.ndarray] | None) -> list[dict]:
     if network is None or len(network["pore.coords"]) == 0:
         return []
     xyz, ends = network["pore.coords"], network["throat.conns"]
-    radius = network["pore.inscribed_diameter"] / 2
+    inside = ~network["pore.boundary"]
+    radius = network["pore.inscribed_diameter"][inside] / 2
     # three points a stick: its ends and a gap
     sticks = np.full((len(ends), 3, 3), np.nan)
     sticks[:, :2] = xyz[ends]
     sticks = sticks.reshape(-1, 3)
-    size = np.clip(12 * radius / max(radius.max(), 1e-12), 2, 12)
+    size = np.clip(9 * radius / np.quantile(radius, 0.9), 3, 14) if len(radius) else radius
     return [
         {
             "type": "scatter3d",
             "mode": "lines",
             **{a: _packed(sticks[:, n], "f4") for n, a in enumerate("xyz")},
-            "line": {"color": NETWORK_COLOUR, "width": 2},
+            "line": {"color": NETWORK_COLOUR, "width": 1.5},
             "name": "throats",
             "group": "network",
             "hoverinfo": "skip",
@@ -145,11 +146,11 @@ def _network(network: Mapping[str, np.ndarray] | None) -> list[dict]:
         {
             "type": "scatter3d",
             "mode": "markers",
-            **{a: _packed(xyz[:, n], "f4") for n, a in enumerate("xyz")},
+            **{a: _packed(xyz[inside, n], "f4") for n, a in enumerate("xyz")},
             "marker": {
                 "color": PORE_CIRCLE,
                 "opacity": 1,
-                "line": {"width": 0},
+                "line": {"color": "#7A2E58", "width": 1},
                 "size": [round(float(s), 1) for s in size],
             },
             "text": [f"radius {r:.3g} µm" for r in radius],
