@@ -81,7 +81,7 @@ def test_promises_of_a_packing(library, engine):
     # tolerance
     for body in bodies.itertuples():
         turn = Rotation.from_quat([body.qx, body.qy, body.qz, body.qw])
-        corners = turn.apply(body.scale * library.vertices[body.shape]) + [body.x, body.y, body.z]
+        corners = turn.apply(body.scale * library.vertices[body.shape]) + np.array([body.x, body.y, body.z])
         assert corners.min() > -box.margin_um - 0.1 * body.scale
         assert corners[:, :2].max() < box.roi_um[0] + box.margin_um + 0.1 * body.scale
     poured, done, expected, steps = (np.array(c) for c in zip(*calls, strict=True))
