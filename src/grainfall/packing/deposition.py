@@ -92,8 +92,8 @@ class Report:
 
     ``unit_um`` is one engine length (the mean grain radius), ``unit_s`` what one engine second stands for
     under Earth's gravity; energies are in engine units. Overlaps are of collision shapes, in radii of the
-    smaller grain. ``hull_excess`` is the mean of V_hull / V - 1 over the grains poured, ``hull_deviation`` the
-    mean of the largest distance between collision shape and hull, in grain radii.
+    smaller grain. ``hull_excess`` is the mean of V_hull / V - 1 over the grains poured,
+    ``hull_deviation`` the mean of the largest distance between collision shape and hull, in grain radii.
     """
 
     engine: str = ""
