@@ -77,10 +77,11 @@ def test_promises_of_a_packing(library, engine):
     assert report["max_overlap"] < 0.02
     assert report["surface_um"] >= report["surface_needed_um"] == box.roi_um[2] + box.margin_um
     assert (bodies["scale"] == 50).all()
-    # every vertex of every true mesh is inside the walls and above the floor, to the collision hull's tolerance
+    # every vertex of every true mesh is inside the walls and above the floor, to the collision hull's
+    # tolerance
     for body in bodies.itertuples():
         turn = Rotation.from_quat([body.qx, body.qy, body.qz, body.qw])
-        corners = [body.x, body.y, body.z] + turn.apply(body.scale * library.vertices[body.shape])
+        corners = turn.apply(body.scale * library.vertices[body.shape]) + np.array([body.x, body.y, body.z])
         assert corners.min() > -box.margin_um - 0.1 * body.scale
         assert corners[:, :2].max() < box.roi_um[0] + box.margin_um + 0.1 * body.scale
     poured, done, expected, steps = (np.array(c) for c in zip(*calls, strict=True))

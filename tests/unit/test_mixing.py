@@ -105,7 +105,8 @@ def test_every_stretch_of_the_supply_holds_the_mix():
         stretch = drawn.iloc[start : start + 100]
         assert abs((stretch["phase"] == 1).sum() - 100 * p[0]) <= 2
         fine = np.sort(stretch["scale"][stretch["phase"] == 1])
-        # Kolmogorov distance to the uniform distribution: independent draws of this number have about 0.86/sqrt(n)
+        # Kolmogorov distance to the uniform distribution: independent draws of this number have about
+        # 0.86/sqrt(n)
         distance = np.abs((fine - 10) / 20 - (np.arange(len(fine)) + 0.5) / len(fine)).max()
         assert distance < 0.6 / np.sqrt(len(fine))
 
@@ -201,7 +202,7 @@ def test_not_called_for():
 
 
 class Rock:
-    """Porosity left when spheres of volume ratio c are removed, the total solid fraction moving with their share."""
+    """Porosity left when spheres of volume ratio c are removed; the total solid moves with their share."""
 
     def __init__(self, first, c, drift):
         self.first, self.c, self.drift, self.calls = first, c, drift, 0

@@ -88,11 +88,18 @@ def container(roi_um: float | tuple[float, float, float], diameter_um: float, ma
 
 @dataclass
 class Report:
-    """What a deposition did, for packing.json. Speeds and energies are in engine units (grain radius 1,
-    density as in the parameters)."""
+    """What a deposition did, for packing.json.
+
+    ``unit_um`` is one engine length (the mean grain radius), ``unit_s`` what one engine second stands for
+    under Earth's gravity; energies are in engine units. Overlaps are of collision shapes, in radii of the
+    smaller grain. ``hull_excess`` is the mean of V_hull / V - 1 over the grains poured,
+    ``hull_deviation`` the mean of the largest distance between collision shape and hull, in grain radii.
+    """
 
     engine: str = ""
+    parameters: dict = field(default_factory=dict)
     unit_um: float = 0.0
+    unit_s: float = 0.0
     poured: int = 0
     poured_grains: int = 0
     supply: int = 0
@@ -193,22 +200,27 @@ class _Deposition:
         self.engine = start(parameters, *self.sides)
         self.next = 0  # place in the endless supply
         self.rows: list[int] = []  # body -> population row
-        n = 0
-        self.position = np.empty((n, 3))
-        self.quaternion = np.empty((n, 4))
-        self.speed = np.empty(n)
-        self.still = np.empty(n, int)  # consecutive steps at rest
-        self.fixed = np.empty(n, bool)
-        self.size = np.empty(n)
+        self.position = np.empty((0, 3))
+        self.quaternion = np.empty((0, 4))
+        self.speed = np.empty(0)
+        self.still = np.empty(0, int)  # consecutive steps at rest
+        self.fixed = np.empty(0, bool)
+        self.size = np.empty(0)  # bounding radius
         self.steps = self.idle = self.activity = 0
 
     def run(self) -> pd.DataFrame:
-        report = Report(engine=self.engine.version, unit_um=self.unit, supply=len(self.kind))
+        report = Report(
+            engine=self.engine.version,
+            parameters=asdict(self.parameters),
+            unit_um=self.unit,
+            unit_s=(self.unit * 1e-6 * self.parameters.gravity / 9.8) ** 0.5,
+            supply=len(self.kind),
+        )
         expected = max(1, self._expected())
         while True:
             active = np.flatnonzero(~self.fixed)
             if self._wanted(active):
-                self._release(active)
+                self._release()
             elif not len(active):
                 break
             self._advance()
@@ -240,17 +252,23 @@ class _Deposition:
         if len(active):
             falling = self.speed[active] > FALLING
             tops = self.position[active, 2] + self.size[active]
-            bed = self._bed_top()
-            if (tops[falling] > bed + self.parameters.drop_height).any():
+            if (tops[falling] > self._bed() + self.parameters.drop_height).any():
                 return False
         in_flight = 4 / 3 * np.pi * (np.array([self.radius[self.rows[i]] for i in active]) ** 3).sum()
         return self.surface(self.fixed) + in_flight / (0.6 * self.sides.prod()) < self.height
 
-    def _bed_top(self) -> float:
+    def _bed(self) -> float:
+        """Top of the bed above which grains are released; one high grain does not raise it."""
         resting = self.fixed | (self.speed <= FALLING)
-        return float((self.position[resting, 2] + self.size[resting]).max(initial=0.0))
+        if not resting.any():
+            return 0.0
+        cells = np.maximum(1, (self.sides / 4).astype(int))
+        tops = _column_tops(
+            self.position[resting, :2] / self.sides, self.position[resting, 2] + self.size[resting], cells
+        )
+        return float(np.quantile(tops, 0.9))
 
-    def _release(self, active: np.ndarray) -> None:
+    def _release(self) -> None:
         """Place the next batch at random in the zone of release, without overlap."""
         p = self.parameters
         batch, volume, bounds = [], 0.0, 0.0
@@ -261,10 +279,11 @@ class _Deposition:
             volume += 4 / 3 * np.pi * self.radius[row] ** 3
             bounds += 4 / 3 * np.pi * self.bound[row] ** 3
         depth = max(bounds / (RELEASE_FRACTION * self.sides.prod()), 2.2 * self.bound[batch].max())
-        floor = self._bed_top() + p.drop_height
-        high = active[self.position[active, 2] + self.size[active] > floor]
+        floor = self._bed() + p.drop_height
+        high = np.flatnonzero(self.position[:, 2] + self.size > floor)
         places, radii = list(self.position[high]), list(self.size[high])
         velocity = np.array([0, 0, -2.0 * FALLING])
+        released = []
         for row in batch:
             r = self.bound[row]
             low = np.array([r, r, floor + r])
@@ -281,19 +300,21 @@ class _Deposition:
                 place = tries[0]
             places.append(place)
             radii.append(r)
-            self._add(row, place, quaternion, velocity)
-            self.next += 1
+            released.append((row, place, quaternion))
+            self.engine.add(self._solid(row), place, quaternion, velocity)
+        if not released:
+            return
+        self.next += len(released)
         self.idle = 0
-
-    def _add(self, row: int, place: np.ndarray, quaternion: np.ndarray, velocity: np.ndarray) -> None:
-        self.engine.add(self._solid(row), place, quaternion, velocity)
-        self.rows.append(row)
-        self.position = np.vstack([self.position, place])
-        self.quaternion = np.vstack([self.quaternion, quaternion])
-        self.speed = np.append(self.speed, np.linalg.norm(velocity))
-        self.still = np.append(self.still, 0)
-        self.fixed = np.append(self.fixed, False)
-        self.size = np.append(self.size, self.bound[row])
+        rows, places, quaternions = zip(*released, strict=True)
+        n = len(rows)
+        self.rows += rows
+        self.position = np.vstack([self.position, places])
+        self.quaternion = np.vstack([self.quaternion, quaternions])
+        self.speed = np.append(self.speed, np.full(n, np.linalg.norm(velocity)))
+        self.still = np.append(self.still, np.zeros(n, int))
+        self.fixed = np.append(self.fixed, np.zeros(n, bool))
+        self.size = np.append(self.size, self.bound[list(rows)])
 
     def _solid(self, row: int) -> Solid:
         shape, r = self.shapes[self.shape[row]], self.radius[row]
@@ -340,13 +361,9 @@ class _Deposition:
             return 0.0
         roi = np.array(self.box.roi_um[:2]) / self.unit
         cells = np.maximum(1, (roi / 4).astype(int))
-        place = (self.position[among, :2] - self.margin) / roi * cells
-        index = np.floor(place).astype(int)
-        inside = ((index >= 0) & (index < cells)).all(axis=1)
-        top = np.zeros(cells)
-        heights = self.position[among, 2]  # centres: a lone grain's top is not yet a bed
-        np.maximum.at(top, tuple(index[inside].T), heights[inside])
-        return float(np.quantile(top, 0.1))
+        # centres: a lone grain's top is not yet a bed
+        tops = _column_tops((self.position[among, :2] - self.margin) / roi, self.position[among, 2], cells)
+        return float(np.quantile(tops, 0.1))
 
     def _overlaps(self) -> tuple[float, float]:
         """Largest and mean penetration of touching collision shapes, in radii of the smaller of the two.
@@ -437,6 +454,15 @@ def collision_shapes(library, ids, hull_vertices: int) -> dict[int, CollisionSha
         else collision_shape(library.vertices[i], library.faces[i], hull_vertices)
         for i in ids
     }
+
+
+def _column_tops(place: np.ndarray, height: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """Greatest height in each column of a grid over the unit square; 0 where there is none."""
+    index = np.floor(place * cells).astype(int)
+    inside = ((index >= 0) & (index < cells)).all(axis=1)
+    tops = np.zeros(cells)
+    np.maximum.at(tops, tuple(index[inside].T), height[inside])
+    return tops
 
 
 def random_quaternion(rng: np.random.Generator) -> np.ndarray:

@@ -1,0 +1,106 @@
+"""The same grains poured by each engine, paired by seed: time, porosity, overlap.
+
+    python tests/benchmarks/engines.py [--edge 5] [--seeds 3] [--output results/benchmarks/engines.csv]
+
+Columns: engine, parameters, inertia, seed, n_bodies, wall_s, steps, ms_per_step, mean_active, porosity,
+max_overlap, mean_overlap, asleep, escaped. Overlaps are of collision shapes, in radii of the smaller grain.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import trimesh
+
+from grainfall import io
+from grainfall.grains import Library
+from grainfall.packing import Mixture, Parameters, container, deposit, draw_population
+from grainfall.volume import voxelise
+
+RADIUS = 50.0
+
+
+class Lognormal:
+    """Radii about 50 um, coefficient of variation 0.25."""
+
+    def quantile(self, q: np.ndarray, which: str = "f3d") -> np.ndarray:
+        from scipy.stats import lognorm
+
+        return lognorm.ppf(np.clip(q, 0.01, 0.99), 0.25, scale=RADIUS)
+
+
+def angular_grains(n: int, rng: np.random.Generator) -> Library:
+    """Ellipsoids cut by four random planes."""
+    vertices, faces, radii = [], [], []
+    for _ in range(n):
+        ball = trimesh.creation.icosphere(3)
+        v = np.array(ball.vertices) * rng.uniform(0.75, 1.25, 3)
+        for _ in range(4):
+            d = rng.standard_normal(3)
+            d /= np.linalg.norm(d)
+            v -= np.maximum(v @ d - rng.uniform(0.6, 0.9) * (v @ d).max(), 0)[:, None] * d
+        mesh = trimesh.Trimesh(v, ball.faces, process=False)
+        vertices.append((v - mesh.center_mass) / (mesh.volume / (4 * np.pi / 3)) ** (1 / 3))
+        faces.append(np.array(ball.faces, np.int32))
+        radii.append(RADIUS)
+    return Library(vertices, faces, pd.DataFrame({"shape": np.arange(n), "phase": 1, "r2d_um": radii}))
+
+
+def measure(library: Library, edge: float, seed: int, name: str, **changes: object) -> dict:
+    """One packing and its figures."""
+    mixture = Mixture({1: Lognormal()}, {1: 1.0})
+    box = container(edge * 2 * RADIUS, mixture.mean_grain_diameter)
+    population = draw_population(mixture, library, box.solid_um3(), np.random.default_rng(seed))
+    parameters = Parameters.named(name, **changes)
+    bodies = deposit(population, library, box, parameters, np.random.default_rng(seed))
+    report = bodies.attrs["report"]
+    voxel = RADIUS / 8
+    shape = (round(edge * 2 * RADIUS / voxel),) * 3
+    phase, _ = voxelise(bodies, library, shape, voxel)
+    return {
+        "engine": parameters.engine,
+        "parameters": name,
+        "inertia": parameters.inertia,
+        "seed": seed,
+        "n_bodies": len(bodies),
+        "wall_s": report["wall_s"],
+        "steps": report["steps"],
+        "ms_per_step": 1e3 * report["wall_s"] / report["steps"],
+        "mean_active": report["mean_active"],
+        "porosity": float((phase == 0).mean()),
+        "max_overlap": report["max_overlap"],
+        "mean_overlap": report["mean_overlap"],
+        "asleep": report["asleep"] / report["poured"],
+        "escaped": report["escaped"],
+    }
+
+
+def main() -> None:
+    options = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    options.add_argument("--edge", type=float, default=5.0, help="edge of the region, mean diameters")
+    options.add_argument("--seeds", type=int, default=3)
+    options.add_argument("--output", type=Path, default=Path("results/benchmarks/engines.csv"))
+    given = options.parse_args()
+    library = angular_grains(60, np.random.default_rng(0))
+    rows = []
+    for seed in range(given.seeds):
+        for name, changes in (
+            ("default", {"engine": "physx"}),
+            ("default", {"engine": "physx", "inertia": "paper"}),
+            ("default", {"engine": "bullet"}),
+            ("paper", {"engine": "physx"}),
+        ):
+            rows.append(measure(library, given.edge, seed, name, **changes))
+            print(rows[-1], flush=True)
+    table = pd.DataFrame(rows)
+    io.write_table(given.output, table)
+    print(table.groupby(["engine", "parameters", "inertia"]).mean(numeric_only=True).T.to_string())
+
+
+if __name__ == "__main__":
+    main()
