@@ -13,14 +13,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from scipy.optimize import nnls
+from scipy.optimize import minimize, nnls
+from scipy.special import gammainc
 
 from grainfall.errors import InputError
 
-METHODS = ("adaptive", "paper", "none")
+METHODS = ("adaptive", "tikhonov", "paper", "none")
 Inversion = tuple[
     np.ndarray, Callable[[np.ndarray], np.ndarray], float
 ]  # grid, weights -> f3d, regularisation
@@ -197,9 +199,7 @@ def unfold(
     if edges_um is not None:
         edges_um = _checked_edges(edges_um, radii)
 
-    grid, solve, regularisation = {"adaptive": _adaptive, "paper": _paper, "none": _none}[method](
-        radii, weights, edges_um
-    )
+    grid, solve, regularisation = _INVERSIONS[method](radii, weights, edges_um)
     edges = grid if edges_um is None else edges_um
     f3d = _rebinned(grid, solve(weights), edges)
     f2d = _histogram(radii, weights, edges)
@@ -253,7 +253,7 @@ def _density(values: np.ndarray, edges: np.ndarray) -> np.ndarray:
 
 
 def _none(radii: np.ndarray, weights: np.ndarray, edges_um: np.ndarray | None) -> Inversion:
-    edges = _bins(radii, weights) if edges_um is None else edges_um
+    edges = _Sieve(radii, weights).edges if edges_um is None else edges_um
     return edges, lambda w: _histogram(radii, w, edges), np.nan
 
 
@@ -276,39 +276,201 @@ def _paper(radii: np.ndarray, weights: np.ndarray, edges_um: np.ndarray | None, 
     return edges, lambda w: _density(solve(w, penalty), edges), float(penalty)
 
 
-def _bins(radii: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    return np.linspace(0.0, radii[-1] * (1 + 1e-9), 81)
+def _tikhonov(radii: np.ndarray, weights: np.ndarray, edges_um: np.ndarray | None) -> Inversion:
+    """NNLS on the exact kernel with a second-difference penalty, its weight by five-fold cross-validation.
 
-
-def _adaptive(
-    radii: np.ndarray, weights: np.ndarray, edges_um: np.ndarray | None, folds: int = 5
-) -> Inversion:
-    edges = _bins(radii, weights)
+    The score is the squared distance of section distribution functions: closer to what the result is used for
+    (sizes drawn from it) than the misfit of single bins.
+    """
+    edges = np.linspace(0.0, radii[-1] * (1 + 1e-9), 81)
     matrix = section_kernel(edges, edges) * np.diff(edges**2)
     matrix /= np.linalg.norm(matrix, 2)
     rough = np.diff(np.eye(len(edges) - 1), 2, axis=0)
-    bin_of = np.clip(np.searchsorted(edges, radii, side="right") - 1, 0, len(edges) - 2)
+    bin_of = np.searchsorted(edges, radii, side="right") - 1
+    fold = np.arange(len(radii)) % 5  # the radii are sorted: every fold holds all sizes
+
+    def shares(w: np.ndarray) -> np.ndarray:
+        return np.bincount(bin_of, w, len(edges) - 1) / w.sum()
 
     def solve(w: np.ndarray, penalty: float) -> np.ndarray:
-        share = np.bincount(bin_of, w, len(edges) - 1) / w.sum()
         system = np.vstack([matrix, np.sqrt(penalty) * rough])
-        return nnls(system, np.concatenate([share, np.zeros(len(rough))]))[0]
-
-    fold = np.arange(len(radii)) % min(folds, len(radii))
+        return nnls(system, np.concatenate([shares(w), np.zeros(len(rough))]))[0]
 
     def held_out(penalty: float) -> float:
         score = 0.0
-        for k in range(fold.max() + 1):
-            held = fold == k
-            if not np.any(~held):
-                return -penalty
-            model = matrix @ solve(weights * ~held, penalty)
-            share = np.bincount(bin_of[held], weights[held], len(model)) / weights[held].sum()
-            score += np.sum(np.cumsum(model / model.sum() - share) ** 2)
+        for k in range(5):
+            model = matrix @ solve(weights * (fold != k), penalty)
+            score += np.sum(np.cumsum(model / model.sum() - shares(weights * (fold == k))) ** 2)
         return score
 
-    penalty = min(np.logspace(1, -8, 19), key=held_out)
+    penalties = np.logspace(1, -8, 19)
+    penalty = min(penalties, key=held_out) if len(radii) >= 10 else penalties[-1]
     return edges, lambda w: _density(solve(w, penalty), edges), float(penalty)
+
+
+def _adaptive(radii: np.ndarray, weights: np.ndarray, edges_um: np.ndarray | None) -> Inversion:
+    """Mixtures of gamma densities by maximum likelihood, averaged over their number by BIC.
+
+    Roughness penalties have one width for all sizes: wide enough for the few small sections, they smear a
+    narrow peak. Here every component brings its own width, from below a bin to as wide as its mean, and the
+    number of components takes the place of the penalty. The likelihood is that of the binned sections under
+    the exact kernel.
+    """
+    sieve = _Sieve(radii, weights)
+    fits = sieve.fit(weights)
+    criterion = np.array([2 * f.loss + (3 * k - 1) * np.log(sieve.sections) for k, f in enumerate(fits, 1)])
+    trust = np.exp(-0.5 * (criterion - criterion.min()))
+    trust = np.where(trust < 0.01, 0.0, trust) / trust[trust >= 0.01].sum()
+    best = sieve.mix([f.theta for f in fits], trust)
+
+    def solve(w: np.ndarray) -> np.ndarray:
+        if w is weights:
+            return best
+        counts = sieve.counts(w)
+        thetas = [
+            sieve.climb(f.theta, counts, 15).theta if t else f.theta for f, t in zip(fits, trust, strict=True)
+        ]
+        return sieve.mix(thetas, trust)
+
+    return sieve.edges, solve, float(trust @ np.arange(1, len(fits) + 1))
+
+
+class _Fit(NamedTuple):
+    loss: float  # negative log likelihood
+    theta: np.ndarray  # log odds of the k - 1 later components against the first, k log means, k log CVs
+
+
+class _Sieve:
+    """Finite mixtures of gamma densities (of particle numbers), seen through the exact kernel.
+
+    Bins are equal in log radius, so that every size is resolved alike, and narrow as the sample allows:
+    what n sections can tell of a radius has an error that falls no faster than n**(-1/2).
+    """
+
+    MAX_COMPONENTS = 5
+    DEPTH = 6.0  # particles below exp(-6) of the largest section are not modelled
+    BEYOND = 0.5  # nor above exp(0.5) of it
+
+    def __init__(self, radii: np.ndarray, weights: np.ndarray):
+        # Kish's effective number: what weighted sections are worth.
+        self.sections = weights.sum() ** 2 / np.sum(weights**2)
+        step = float(np.clip(0.16 * self.sections**-0.3, 0.008, 0.03))
+        top = np.log(radii[-1]) + 1e-9
+        below = int(np.ceil((min(top - np.log(radii[0]), self.DEPTH)) / step)) + 1
+        inner = np.exp(top + step * np.arange(-below, int(self.BEYOND / step) + 1))
+        self.edges = np.concatenate([[0.0], inner])
+        self._bin = np.searchsorted(self.edges, radii, side="right") - 1
+        filled, self._row = np.unique(self._bin, return_inverse=True)
+        middle = 0.5 * (inner[1:] + inner[:-1])
+        self._size = middle
+        self._kernel = section_kernel(self.edges, inner)[filled] * middle
+        self._inner = inner
+        self._bounds = (
+            (np.log(inner[1]), top + 0.6 * self.BEYOND),
+            (np.log(step / 3), 0.0),
+        )
+        self._log_mean, self._log_cv = (
+            grid.ravel()
+            for grid in np.meshgrid(
+                np.arange(self._bounds[0][0], top, 0.06),
+                np.linspace(self._bounds[1][0], self._bounds[1][1], 9),
+                indexing="ij",
+            )
+        )
+        self._dictionary = self._seen(self._log_mean, self._log_cv)
+
+    def counts(self, weights: np.ndarray) -> np.ndarray:
+        """Effective sections in the bins that hold any."""
+        return np.bincount(self._row, weights) * self.sections / weights.sum()
+
+    def _numbers(self, log_mean: np.ndarray, log_cv: np.ndarray) -> np.ndarray:
+        """Particle numbers (bins, k) of gamma components, scaled to the same chance of being cut."""
+        shape = np.exp(-2.0 * log_cv)
+        below = gammainc(shape, shape * np.exp(-log_mean) * self._inner[:, None])
+        numbers = np.diff(below, axis=0)
+        return numbers / (self._size @ numbers)
+
+    def _seen(self, log_mean: np.ndarray, log_cv: np.ndarray) -> np.ndarray:
+        return self._kernel @ self._numbers(log_mean, log_cv)
+
+    @staticmethod
+    def _split(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        k = (len(theta) + 1) // 3
+        odds = np.concatenate([[0.0], theta[: k - 1]])
+        share = np.exp(odds - odds.max())
+        return share / share.sum(), theta[k - 1 : 2 * k - 1], theta[2 * k - 1 :]
+
+    def mix(self, thetas: list[np.ndarray], trust: np.ndarray) -> np.ndarray:
+        """Number density on ``edges``, averaged over fits."""
+        total = np.zeros(len(self._size))
+        for theta, weight in zip(thetas, trust, strict=True):
+            share, log_mean, log_cv = self._split(theta)
+            numbers = self._numbers(log_mean, log_cv) @ share
+            total += weight * numbers / numbers.sum()
+        return np.concatenate([[0.0], total]) / np.diff(self.edges)
+
+    def climb(self, theta: np.ndarray, counts: np.ndarray, iterations: int) -> _Fit:
+        """Maximise the likelihood of ``counts`` from ``theta``."""
+        k = (len(theta) + 1) // 3
+        delta = 1e-5
+
+        def loss(theta: np.ndarray) -> tuple[float, np.ndarray]:
+            share, log_mean, log_cv = self._split(theta)
+            # One pass gives the components and their derivatives by differences.
+            seen = self._seen(
+                np.concatenate([log_mean, log_mean + delta, log_mean]),
+                np.concatenate([log_cv, log_cv, log_cv - delta]),
+            )
+            here, moved, narrowed = seen[:, :k], seen[:, k : 2 * k], seen[:, 2 * k :]
+            density = np.maximum(here @ share, 1e-12)
+            pull = counts / density
+            gain = pull @ here
+            by_share = (share * (gain - gain @ share))[1:]
+            by_mean = share * (pull @ (moved - here)) / delta
+            by_cv = share * (pull @ (here - narrowed)) / delta
+            return -counts @ np.log(density), -np.concatenate([by_share, by_mean, by_cv])
+
+        bounds = [(-12.0, 12.0)] * (k - 1) + [self._bounds[0]] * k + [self._bounds[1]] * k
+        found = minimize(
+            loss, theta, jac=True, bounds=bounds, method="L-BFGS-B", options={"maxiter": iterations}
+        )
+        return _Fit(float(found.fun), found.x)
+
+    def fit(self, weights: np.ndarray) -> list[_Fit]:
+        """Best mixtures of 1, 2, ... components, until two more did not pay."""
+        counts = self.counts(weights)
+        fits: list[_Fit] = []
+        criterion: list[float] = []
+        for k in range(1, self.MAX_COMPONENTS + 1):
+            starts = []
+            if k == 1:
+                gain = counts @ np.log(np.maximum(self._dictionary, 1e-12))
+                starts = [np.array([self._log_mean[i], self._log_cv[i]]) for i in np.argsort(-gain)[:2]]
+            else:
+                share, log_mean, log_cv = self._split(fits[-1].theta)
+                now = (self._seen(log_mean, log_cv) @ share)[:, None]
+                for new in (0.02, 0.1, 0.3):
+                    i = np.argmax(
+                        counts @ np.log(np.maximum((1 - new) * now + new * self._dictionary, 1e-12))
+                    )
+                    odds = np.log(np.append(share * (1 - new), new))
+                    starts.append(
+                        np.concatenate(
+                            [
+                                odds[1:] - odds[0],
+                                np.append(log_mean, self._log_mean[i]),
+                                np.append(log_cv, self._log_cv[i]),
+                            ]
+                        )
+                    )
+            fits.append(min((self.climb(s, counts, 60 * k) for s in starts), key=lambda f: f.loss))
+            criterion.append(2 * fits[-1].loss + (3 * k - 1) * np.log(self.sections))
+            if 3 * k > self.sections or (k > 2 and min(criterion[-2:]) > min(criterion)):
+                break
+        return fits
+
+
+_INVERSIONS = {"adaptive": _adaptive, "tikhonov": _tikhonov, "paper": _paper, "none": _none}
 
 
 def _rebinned(edges: np.ndarray, density: np.ndarray, onto: np.ndarray) -> np.ndarray:
