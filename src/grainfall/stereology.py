@@ -13,14 +13,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from scipy.optimize import nnls
+from scipy.optimize import minimize, nnls
+from scipy.special import gammainc
 
 from grainfall.errors import InputError
 
-METHODS = ("adaptive", "paper", "none")
+METHODS = ("adaptive", "tikhonov", "paper", "none")
 Inversion = tuple[
     np.ndarray, Callable[[np.ndarray], np.ndarray], float
 ]  # grid, weights -> f3d, regularisation
@@ -42,7 +44,8 @@ class SizeDistribution:
     method : str
         How ``f3d`` was found.
     regularisation : float
-        Weight of the penalty that was chosen; NaN where there is none.
+        What the data chose: the (mean) number of components of ``adaptive``, the weight of the penalty of
+        ``tikhonov`` and ``paper``; NaN where there is none.
     """
 
     edges_um: np.ndarray
@@ -157,7 +160,7 @@ def unfold(
     *,
     method: str = "adaptive",
     edges_um: np.ndarray | None = None,
-    bootstrap: int = 0,
+    bootstrap: int = 200,
     rng: np.random.Generator | None = None,
 ) -> SizeDistribution:
     """Distribution of particle radii from the radii of their sections.
@@ -169,15 +172,17 @@ def unfold(
     weights : (n,) array, optional
         Edge corrections (Miles-Lantuejoul), >= 0; sections of weight 0 are left out. Equal by default.
     method : {"adaptive", "paper", "none"}
-        ``adaptive``: exact kernel, bins and roughness penalty chosen from the data.
+        ``adaptive``: exact kernel; a sieve of gamma densities, its bins and size chosen from the data.
+        ``tikhonov``: exact kernel, 80 bins, NNLS with a second-difference penalty by cross-validation.
         ``paper``: midpoint kernel, bins up to 2 max r, identity penalty by generalised cross-validation.
         ``none``: f3D := f2D.
     edges_um : (m + 1,) array, optional
         Bins of the result, increasing, >= 0, that hold all radii; chosen from the data otherwise.
     bootstrap : int
-        Resamples behind the 95 % band; 0 for none. The regularisation is held as the data chose it.
+        Resamples of the sections behind the 95 % band. The regularisation is held as the data chose it, so
+        the band shows the spread of the estimate, not its bias.
     rng : numpy.random.Generator, optional
-        Needed when ``bootstrap`` > 0.
+        Draws the resamples. Without it there is no band: ``lower`` and ``upper`` equal ``f3d``.
 
     Returns
     -------
@@ -192,24 +197,28 @@ def unfold(
     radii, weights = _checked(radii_um, weights)
     if method not in METHODS:
         raise InputError("stereology method", f"{method!r} is not known", f"one of {', '.join(METHODS)}")
-    if bootstrap and rng is None:
-        raise ValueError("a bootstrap needs an rng")
     if edges_um is not None:
         edges_um = _checked_edges(edges_um, radii)
 
-    grid, solve, regularisation = {"adaptive": _adaptive, "paper": _paper, "none": _none}[method](
-        radii, weights, edges_um
-    )
+    inversion = _INVERSIONS[method](radii, weights, edges_um)
+    grid = inversion.edges
     edges = grid if edges_um is None else edges_um
-    f3d = _rebinned(grid, solve(weights), edges)
+    f3d = _rebinned(grid, inversion.f3d, edges)
     f2d = _histogram(radii, weights, edges)
     lower = upper = f3d
-    if bootstrap:
+    if rng is not None and bootstrap > 0:
         n = len(radii)
-        copies = rng.multinomial(n, np.full(n, 1.0 / n), size=bootstrap)
-        replicas = [_rebinned(grid, solve(weights * k), edges) for k in copies if np.any(weights * k > 0)]
+        copies = weights * rng.multinomial(n, np.full(n, 1.0 / n), size=bootstrap)
+        replicas = [_rebinned(grid, inversion.again(w), edges) for w in copies]
         lower, upper = np.quantile(replicas, [0.025, 0.975], axis=0)
-    return SizeDistribution(edges, f2d, f3d, lower, upper, method, regularisation)
+    return SizeDistribution(edges, f2d, f3d, lower, upper, method, inversion.regularisation)
+
+
+class _Inversion(NamedTuple):
+    edges: np.ndarray
+    f3d: np.ndarray
+    again: Callable[[np.ndarray], np.ndarray]  # weights -> f3d with the regularisation held
+    regularisation: float
 
 
 def _checked(radii_um: np.ndarray, weights: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
@@ -252,63 +261,228 @@ def _density(values: np.ndarray, edges: np.ndarray) -> np.ndarray:
     return values / (values @ np.diff(edges))
 
 
-def _none(radii: np.ndarray, weights: np.ndarray, edges_um: np.ndarray | None) -> Inversion:
-    edges = _bins(radii, weights) if edges_um is None else edges_um
-    return edges, lambda w: _histogram(radii, w, edges), np.nan
+def _none(radii: np.ndarray, weights: np.ndarray, edges_um: np.ndarray | None) -> _Inversion:
+    edges = _Sieve(radii, weights).edges if edges_um is None else edges_um
+    return _Inversion(edges, _histogram(radii, weights, edges), lambda w: _histogram(radii, w, edges), np.nan)
 
 
-def _paper(radii: np.ndarray, weights: np.ndarray, edges_um: np.ndarray | None, bins: int = 40) -> Inversion:
+def _paper(radii: np.ndarray, weights: np.ndarray, edges_um: np.ndarray | None, bins: int = 40) -> _Inversion:
     """The paper's inversion; it leaves the number of bins and the penalty's weight open (here: 40, GCV)."""
     edges = np.linspace(0.0, 2.0 * radii[-1], bins + 1) if edges_um is None else edges_um
     matrix = midpoint_kernel(edges)
-    singular = np.linalg.svd(matrix, compute_uv=False) ** 2
+    left, singular, _ = np.linalg.svd(matrix)
+    singular **= 2
+    data = (left.T @ _histogram(radii, weights, edges)) ** 2
     identity = np.eye(len(singular))
 
-    def solve(w: np.ndarray, penalty: float) -> np.ndarray:
-        target = np.concatenate([_histogram(radii, w, edges), np.zeros(len(singular))])
-        return nnls(np.vstack([matrix, np.sqrt(penalty) * identity]), target)[0]
-
     def gcv(penalty: float) -> float:
-        misfit = np.sum((matrix @ solve(weights, penalty) - _histogram(radii, weights, edges)) ** 2)
-        return misfit / np.sum(penalty / (singular + penalty)) ** 2
+        damped = penalty / (singular + penalty)
+        return damped**2 @ data / damped.sum() ** 2
 
-    penalty = min(singular[0] * np.logspace(-8, 1, 28), key=gcv)
-    return edges, lambda w: _density(solve(w, penalty), edges), float(penalty)
+    def solve(w: np.ndarray) -> np.ndarray:
+        target = np.concatenate([_histogram(radii, w, edges), np.zeros(len(singular))])
+        return _density(nnls(np.vstack([matrix, np.sqrt(penalty) * identity]), target)[0], edges)
+
+    penalty = min(singular[0] * np.logspace(-8, -2, 25), key=gcv)
+    return _Inversion(edges, solve(weights), solve, float(penalty))
 
 
-def _bins(radii: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    return np.linspace(0.0, radii[-1] * (1 + 1e-9), 81)
+def _tikhonov(radii: np.ndarray, weights: np.ndarray, edges_um: np.ndarray | None) -> _Inversion:
+    """NNLS on the exact kernel with a second-difference penalty, its weight by five-fold cross-validation.
 
-
-def _adaptive(
-    radii: np.ndarray, weights: np.ndarray, edges_um: np.ndarray | None, folds: int = 5
-) -> Inversion:
-    edges = _bins(radii, weights)
+    The score is the squared distance of section distribution functions: closer to what the result is used for
+    (sizes drawn from it) than the misfit of single bins.
+    """
+    edges = np.linspace(0.0, radii[-1] * (1 + 1e-9), 81)
     matrix = section_kernel(edges, edges) * np.diff(edges**2)
     matrix /= np.linalg.norm(matrix, 2)
     rough = np.diff(np.eye(len(edges) - 1), 2, axis=0)
-    bin_of = np.clip(np.searchsorted(edges, radii, side="right") - 1, 0, len(edges) - 2)
+    bin_of = np.searchsorted(edges, radii, side="right") - 1
+    fold = np.arange(len(radii)) % 5  # the radii are sorted: every fold holds all sizes
+
+    def shares(w: np.ndarray) -> np.ndarray:
+        return np.bincount(bin_of, w, len(edges) - 1) / w.sum()
 
     def solve(w: np.ndarray, penalty: float) -> np.ndarray:
-        share = np.bincount(bin_of, w, len(edges) - 1) / w.sum()
         system = np.vstack([matrix, np.sqrt(penalty) * rough])
-        return nnls(system, np.concatenate([share, np.zeros(len(rough))]))[0]
-
-    fold = np.arange(len(radii)) % min(folds, len(radii))
+        return nnls(system, np.concatenate([shares(w), np.zeros(len(rough))]))[0]
 
     def held_out(penalty: float) -> float:
         score = 0.0
-        for k in range(fold.max() + 1):
-            held = fold == k
-            if not np.any(~held):
-                return -penalty
-            model = matrix @ solve(weights * ~held, penalty)
-            share = np.bincount(bin_of[held], weights[held], len(model)) / weights[held].sum()
-            score += np.sum(np.cumsum(model / model.sum() - share) ** 2)
+        for k in range(5):
+            model = matrix @ solve(weights * (fold != k), penalty)
+            score += np.sum(np.cumsum(model / model.sum() - shares(weights * (fold == k))) ** 2)
         return score
 
-    penalty = min(np.logspace(1, -8, 19), key=held_out)
-    return edges, lambda w: _density(solve(w, penalty), edges), float(penalty)
+    penalties = np.logspace(1, -8, 19)
+    penalty = min(penalties, key=held_out) if len(radii) >= 10 else penalties[-1]
+
+    def again(w: np.ndarray) -> np.ndarray:
+        return _density(solve(w, penalty), edges)
+
+    return _Inversion(edges, again(weights), again, float(penalty))
+
+
+def _adaptive(radii: np.ndarray, weights: np.ndarray, edges_um: np.ndarray | None) -> _Inversion:
+    """Mixtures of gamma densities by maximum likelihood, averaged over their number.
+
+    Roughness penalties have one width for all sizes: wide enough for the few small sections, they smear a
+    narrow peak. Here every component brings its own width, from below a bin to as wide as its mean, and the
+    number of components takes the place of the penalty. The likelihood is that of the binned sections under
+    the exact kernel.
+    """
+    sieve = _Sieve(radii, weights)
+    fits = sieve.fit(sieve.counts(weights))
+    criterion = np.array([f.criterion for f in fits])
+    trust = np.exp(-0.5 * (criterion - criterion.min()))
+    kept = trust > 0.01  # of the best one's: the others cost time and change nothing
+    thetas = [f.theta for f, keep in zip(fits, kept, strict=True) if keep]
+    trust = trust[kept] / trust[kept].sum()
+
+    def again(w: np.ndarray) -> np.ndarray:
+        counts = sieve.counts(w)
+        return sieve.mix([sieve.climb(theta, counts, 15).theta for theta in thetas], trust)
+
+    components = np.array([sieve.components(theta) for theta in thetas])
+    return _Inversion(sieve.edges, sieve.mix(thetas, trust), again, float(trust @ components))
+
+
+class _Fit(NamedTuple):
+    criterion: float  # Hannan and Quinn's: -2 log likelihood + 2 parameters log log sections
+    theta: np.ndarray  # log odds of the k - 1 later components against the first, k log means, k log CVs
+
+
+class _Sieve:
+    """Finite mixtures of gamma densities (of particle numbers), seen through the exact kernel.
+
+    Bins are equal in log radius, so every size is resolved alike. They are as narrow as the sample allows
+    (what n sections tell of a radius has an error that falls no faster than n**(-1/2)) but not narrower than
+    the lattice of radii that were measured in pixels, which would be resolved instead of the particles.
+    """
+
+    MAX_COMPONENTS = 8
+    DEPTH = 6.0  # particles below exp(-6) of the largest section are not modelled
+    BEYOND = 0.5  # nor above exp(0.5) of it
+
+    def __init__(self, radii: np.ndarray, weights: np.ndarray):
+        # Kish's effective number: what weighted sections are worth.
+        self.sections = weights.sum() ** 2 / np.sum(weights**2)
+        step = max(float(np.clip(0.16 * self.sections**-0.3, 0.008, 0.03)), _lattice(radii))
+        top = np.log(radii[-1]) + 1e-9
+        below = int(np.ceil(min(top - np.log(radii[0]), self.DEPTH) / step)) + 1
+        inner = np.exp(top + step * np.arange(-below, int(self.BEYOND / step) + 1))
+        self.edges = np.concatenate([[0.0], inner])
+        self._inner = inner
+        self._middle = 0.5 * (inner[1:] + inner[:-1])
+        # Bins without sections add nothing to the likelihood: every component has the total chance 1.
+        bin_of = np.searchsorted(self.edges, radii, side="right") - 1
+        filled, self._row = np.unique(bin_of, return_inverse=True)
+        self._kernel = section_kernel(self.edges, inner)[filled] * self._middle
+        self._bounds = (np.log(inner[1]), top + 0.6 * self.BEYOND), (np.log(step / 3), 0.0)
+        # Where the search may start: every size at every width.
+        (low, _), (narrow, wide) = self._bounds
+        starts = np.meshgrid(np.arange(low, top, 0.06), np.linspace(narrow, wide, 9), indexing="ij")
+        self._starts = np.column_stack([start.ravel() for start in starts])
+        self._dictionary = self._seen(*self._starts.T)
+
+    def counts(self, weights: np.ndarray) -> np.ndarray:
+        """Effective sections in the bins that hold any."""
+        return np.bincount(self._row, weights) * self.sections / weights.sum()
+
+    @staticmethod
+    def components(theta: np.ndarray) -> int:
+        return (len(theta) + 1) // 3
+
+    def _split(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Shares of the sections, log means, log coefficients of variation."""
+        k = self.components(theta)
+        odds = np.concatenate([[0.0], theta[: k - 1]])
+        share = np.exp(odds - odds.max())
+        return share / share.sum(), theta[k - 1 : 2 * k - 1], theta[2 * k - 1 :]
+
+    def _numbers(self, log_mean: np.ndarray, log_cv: np.ndarray) -> np.ndarray:
+        """Particle numbers (bins, k) of gamma components, scaled to the same chance of being cut."""
+        shape = np.exp(-2.0 * log_cv)
+        below = gammainc(shape, shape * np.exp(-log_mean) * self._inner[:, None])
+        numbers = np.diff(below, axis=0)
+        return numbers / (self._middle @ numbers)
+
+    def _seen(self, log_mean: np.ndarray, log_cv: np.ndarray) -> np.ndarray:
+        """Share of each component's sections in the filled bins, (bins, k)."""
+        return self._kernel @ self._numbers(log_mean, log_cv)
+
+    def mix(self, thetas: list[np.ndarray], trust: np.ndarray) -> np.ndarray:
+        """Number density on ``edges``, averaged over fits."""
+        total = np.zeros(len(self._middle))
+        for theta, weight in zip(thetas, trust, strict=True):
+            share, log_mean, log_cv = self._split(theta)
+            numbers = self._numbers(log_mean, log_cv) @ share
+            total += weight * numbers / numbers.sum()
+        return np.concatenate([[0.0], total]) / np.diff(self.edges)
+
+    def climb(self, theta: np.ndarray, counts: np.ndarray, iterations: int) -> _Fit:
+        """Maximise the likelihood of ``counts`` from ``theta``."""
+        k, delta = self.components(theta), 1e-5
+
+        def loss(theta: np.ndarray) -> tuple[float, np.ndarray]:
+            share, log_mean, log_cv = self._split(theta)
+            # One pass gives the components and their derivatives by differences.
+            seen = self._seen(
+                np.concatenate([log_mean, log_mean + delta, log_mean]),
+                np.concatenate([log_cv, log_cv, log_cv - delta]),
+            )
+            here, moved, narrowed = seen[:, :k], seen[:, k : 2 * k], seen[:, 2 * k :]
+            density = np.maximum(here @ share, 1e-12)
+            pull = counts / density
+            gain = pull @ here
+            by_share = (share * (gain - gain @ share))[1:]
+            by_mean = share * (pull @ (moved - here)) / delta
+            by_cv = share * (pull @ (here - narrowed)) / delta
+            return -counts @ np.log(density), -np.concatenate([by_share, by_mean, by_cv])
+
+        bounds = [(-12.0, 12.0)] * (k - 1) + [self._bounds[0]] * k + [self._bounds[1]] * k
+        options = {"maxiter": iterations}
+        found = minimize(loss, theta, jac=True, bounds=bounds, method="L-BFGS-B", options=options)
+        # Never below Akaike's price of 2 a parameter, where log log n means little.
+        price = 2.0 * max(1.0, np.log(max(np.log(self.sections), 1.0)))
+        return _Fit(float(2.0 * found.fun + price * len(theta)), found.x)
+
+    def _additions(self, theta: np.ndarray, counts: np.ndarray) -> list[np.ndarray]:
+        """``theta`` and one component more: the one that helps most at each of three shares."""
+        share, log_mean, log_cv = self._split(theta)
+        now = (self._seen(log_mean, log_cv) @ share)[:, None]
+        additions = []
+        for new in (0.02, 0.1, 0.3):
+            seen = (1.0 - new) * now + new * self._dictionary
+            best_mean, best_cv = self._starts[np.argmax(counts @ np.log(np.maximum(seen, 1e-12)))]
+            odds = np.log(np.append(share * (1.0 - new), new) / share[0] / (1.0 - new))[1:]
+            additions.append(np.concatenate([odds, log_mean, [best_mean], log_cv, [best_cv]]))
+        return additions
+
+    def fit(self, counts: np.ndarray) -> list[_Fit]:
+        """Best mixtures of 1, 2, ... components, until two more did not pay."""
+        gain = counts @ np.log(np.maximum(self._dictionary, 1e-12))
+        starts = list(self._starts[np.argsort(-gain)[:2]])
+        fits: list[_Fit] = []
+        for k in range(1, self.MAX_COMPONENTS + 1):
+            fits.append(min((self.climb(s, counts, 60 * k) for s in starts), key=lambda fit: fit.criterion))
+            since_best = k - 1 - int(np.argmin([fit.criterion for fit in fits]))
+            if since_best == 2 or 3 * k > self.sections:
+                break
+            starts = self._additions(fits[-1].theta, counts)
+        return fits
+
+
+def _lattice(radii: np.ndarray) -> float:
+    """Typical gap of log radius between the values of sorted radii, 0 where most values are their own."""
+    values, copies = np.unique(radii, return_counts=True)
+    if len(values) < 2 or 2 * len(values) > len(radii):
+        return 0.0
+    gaps = np.repeat(np.diff(np.log(values)), copies[1:])
+    return min(float(np.median(gaps)), 0.1)
+
+
+_INVERSIONS = {"adaptive": _adaptive, "tikhonov": _tikhonov, "paper": _paper, "none": _none}
 
 
 def _rebinned(edges: np.ndarray, density: np.ndarray, onto: np.ndarray) -> np.ndarray:
