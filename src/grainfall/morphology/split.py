@@ -47,15 +47,15 @@ def split_grains(
         :math:`h` in [0, 1). 0 keeps every maximum that digitisation does not explain; towards 1 nothing is
         split.
     min_radius_px : float
-        Specks of a smaller equivalent radius √(S/π), in pixels, get no label, and as holes (of pore or of
-        another mineral) they do not disturb the distance map of the grain around them. Their pixels stay what
-        they are in `phase`, so area fractions are unharmed; :func:`coverage` says how many they are.
+        Specks of a smaller equivalent radius √(S/π), in pixels, get no label; pinholes (of pore or of another
+        mineral, radius below 1 pixel as well) do not disturb the distance map of the grain around them. Their
+        pixels stay what they are in `phase`, so area fractions are unharmed; :func:`coverage` says how many.
 
     Returns
     -------
     labels : (y, x) ndarray of int32
         0 where there is no grain, 1…n grains in order of their first pixel; each is one 4-connected piece
-        (specks in it aside).
+        (pinholes aside).
 
     Raises
     ------
@@ -64,7 +64,9 @@ def split_grains(
     """
     phase = _image(phase)
     if instances is None:
-        healed = _heal(phase, _pieces(phase.astype(np.int32) + 1), np.pi * min_radius_px**2)
+        # Holes below the uncertainty of distances only: larger ones may be the gap between three grains.
+        pinhole = np.pi * min(min_radius_px, DIGITISATION_PX) ** 2
+        healed = _heal(phase, _pieces(phase.astype(np.int32) + 1), pinhole)
         labels = _split(healed, persistence)
         return _resolved(np.where(healed == phase, labels, 0), min_radius_px)
     if np.shape(instances) != phase.shape:
