@@ -45,6 +45,7 @@ def find_contacts(
     voxel_size_um: float,
     tolerance: float = TOLERANCE,
     hull_vertices: int | None = None,
+    packed: pd.DataFrame | None = None,
 ) -> pd.DataFrame:
     """Pairs of grains in contact, wherever they lie.
 
@@ -64,6 +65,10 @@ def find_contacts(
         Judge by the hulls that the engine collided (``Parameters.hull_vertices``), not by the meshes' own. A
         simplified hull differs from the mesh's by some percent of a radius, many times the tolerance: grains
         at rest on each other show a gap, or a deep overlap, between their meshes.
+    packed : DataFrame, optional
+        The bodies as they came to rest, before positions were scaled to the target porosity. That moves
+        neighbours apart (or into each other) by up to half a percent of their distance, again more than the
+        tolerance: contacts and gaps are then those of the packing, located in the scaled one.
 
     Returns
     -------
@@ -75,15 +80,19 @@ def find_contacts(
     """
     grains = bodies[bodies["kind"] == "grain"]
     limit = tolerance * 2 * grains["scale"].mean() if len(grains) else 0.0
+    rest = grains if packed is None else packed[packed["id"].isin(grains["id"])]
     if hull_vertices is not None:
         library = collided(library, grains["shape"], hull_vertices)
-    pairs = closest_points(grains, library, limit)
-    pairs = pairs[pairs["gap_um"] <= limit]
+    pairs = closest_points(rest, library, limit)
+    pairs = pairs[pairs["gap_um"] <= limit].reset_index(drop=True)
     phase = grains.set_index("id")["phase"]
     table = pd.DataFrame({"grain_a": pairs["a"], "grain_b": pairs["b"]})
     table["phase_a"], table["phase_b"] = (phase.loc[table[g]].to_numpy() for g in ("grain_a", "grain_b"))
-    for name in ("x", "y", "z", "nx", "ny", "nz"):
-        table[name] = pairs[name]
+    moved = grains.set_index("id")[["x", "y", "z"]] - rest.set_index("id")[["x", "y", "z"]]
+    for name in ("x", "y", "z"):
+        shift = [moved[name].loc[pairs[end]].to_numpy() for end in ("a", "b")]
+        table[name] = pairs[name] + (shift[0] + shift[1]) / 2
+    table[["nx", "ny", "nz"]] = pairs[["nx", "ny", "nz"]]
     table["area_um2"] = np.nan
     if body_volume is not None:
         shared = adjacent_pairs(body_volume, voxel_size_um)

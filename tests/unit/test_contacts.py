@@ -197,6 +197,15 @@ def test_no_pairs(n):
     assert np.isnan(result["coordination"])
 
 
+def test_contacts_of_the_packing_survive_the_porosity_correction():
+    table = bodies([[0, 0, 0], [4, 0, 0]], scale=2.0)
+    spread = table.assign(x=table["x"] * 1.004 + 1.0)
+    assert contacts.find_contacts(spread, library(), None, 1.0).empty
+    pair = contacts.find_contacts(spread, library(), None, 1.0, packed=table).loc[0]
+    assert pair["gap_um"] == pytest.approx(0, abs=1e-9)
+    assert pair["x"] == pytest.approx(spread["x"].mean())
+
+
 def test_contact_area_of_two_boxes():
     volume = np.zeros((10, 10, 12), np.int32)
     volume[2:8, 2:8, 1:6], volume[3:9, 2:8, 6:11] = 1, 2
