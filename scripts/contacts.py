@@ -3,7 +3,7 @@
 import numpy as np
 from _stage import stage
 
-from grainfall import contacts, grains, io
+from grainfall import contacts, grains, io, packing
 
 with stage(snakemake) as progress:
     library = grains.Library.load(snakemake.input.library)
@@ -11,8 +11,19 @@ with stage(snakemake) as progress:
     volume, attributes = io.read_volume(snakemake.input.twin, "body")
     voxel = attributes["voxel_size_um"]
     size = tuple(np.array(volume.shape[::-1]) * voxel)
+    settings = snakemake.params.settings
+    setting = settings["packing"]
+    parameters = packing.Parameters.named(
+        setting["parameters"], engine=setting["engine"], **setting["overrides"]
+    )
     table = contacts.find_contacts(
-        bodies, library, volume, voxel, snakemake.params.settings["contacts"]["tolerance"]
+        bodies,
+        library,
+        volume,
+        voxel,
+        settings["contacts"]["tolerance"],
+        hull_vertices=parameters.hull_vertices,
+        packed=io.read_table(snakemake.input.packed),
     )
     by_phase = contacts.coordination(table, bodies, size)
     summary = {

@@ -5,6 +5,8 @@ Virtual spheres are left out everywhere: they are no part of the rock.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +14,7 @@ import pandas as pd
 from scipy.spatial import ConvexHull, cKDTree
 from scipy.spatial.transform import Rotation
 
+from grainfall.packing.shapes import collision_shape
 from grainfall.volume import adjacent_pairs
 
 if TYPE_CHECKING:
@@ -24,9 +27,12 @@ Rigid-body engines hold resting grains within some 1e-4 of a diameter of touchin
 ten times that loses no contact of theirs and adds few neighbours that merely come near.
 """
 
-RATTLER_CONTACTS = 4
-"""Contacts below which a grain counts as a rattler: d + 1 in three dimensions, what holds a grain in place by
-normal forces alone and the isostatic mean with friction."""
+RATTLER_CONTACTS = 3
+"""Contacts below which a grain is a rattler: three hold a grain up against gravity.
+
+Four, as for frictionless packings without gravity, will not do: grains of the free surface rest on three
+others, and once they are taken away so do the next, until nothing is left of the bed.
+"""
 
 TOUCHING = 1e-7
 """Gap, in mean grain radii, below which the closest points are too near each other to show a direction."""
@@ -38,6 +44,8 @@ def find_contacts(
     body_volume: np.ndarray | None,
     voxel_size_um: float,
     tolerance: float = TOLERANCE,
+    hull_vertices: int | None = None,
+    packed: pd.DataFrame | None = None,
 ) -> pd.DataFrame:
     """Pairs of grains in contact, wherever they lie.
 
@@ -46,13 +54,21 @@ def find_contacts(
     bodies : DataFrame
         Columns of ``bodies.csv`` (lengths in um).
     library : Library
-        Shapes; a pair is judged by the convex hulls of its meshes, as the engines collide them.
+        Shapes; a pair is judged by their convex hulls.
     body_volume : (nz, ny, nx) array of int or None
         Body id + 1 of every voxel of the region of interest, 0 in pores.
     voxel_size_um : float
         Edge of a voxel.
     tolerance : float
         Largest gap of a contact over the mean grain diameter (of equal-volume spheres).
+    hull_vertices : int, optional
+        Judge by the hulls that the engine collided (``Parameters.hull_vertices``), not by the meshes' own. A
+        simplified hull differs from the mesh's by some percent of a radius, many times the tolerance: grains
+        at rest on each other show a gap, or a deep overlap, between their meshes.
+    packed : DataFrame, optional
+        The bodies as they came to rest, before positions were scaled to the target porosity. That moves
+        neighbours apart (or into each other) by up to half a percent of their distance, again more than the
+        tolerance: contacts and gaps are then those of the packing, located in the scaled one.
 
     Returns
     -------
@@ -64,13 +80,19 @@ def find_contacts(
     """
     grains = bodies[bodies["kind"] == "grain"]
     limit = tolerance * 2 * grains["scale"].mean() if len(grains) else 0.0
-    pairs = closest_points(grains, library, limit)
-    pairs = pairs[pairs["gap_um"] <= limit]
+    rest = grains if packed is None else packed[packed["id"].isin(grains["id"])]
+    if hull_vertices is not None:
+        library = collided(library, grains["shape"], hull_vertices)
+    pairs = closest_points(rest, library, limit)
+    pairs = pairs[pairs["gap_um"] <= limit].reset_index(drop=True)
     phase = grains.set_index("id")["phase"]
     table = pd.DataFrame({"grain_a": pairs["a"], "grain_b": pairs["b"]})
     table["phase_a"], table["phase_b"] = (phase.loc[table[g]].to_numpy() for g in ("grain_a", "grain_b"))
-    for name in ("x", "y", "z", "nx", "ny", "nz"):
-        table[name] = pairs[name]
+    moved = grains.set_index("id")[["x", "y", "z"]] - rest.set_index("id")[["x", "y", "z"]]
+    for name in ("x", "y", "z"):
+        shift = [moved[name].loc[pairs[end]].to_numpy() for end in ("a", "b")]
+        table[name] = pairs[name] + (shift[0] + shift[1]) / 2
+    table[["nx", "ny", "nz"]] = pairs[["nx", "ny", "nz"]]
     table["area_um2"] = np.nan
     if body_volume is not None:
         shared = adjacent_pairs(body_volume, voxel_size_um)
@@ -90,7 +112,23 @@ def _inside(table: pd.DataFrame, size_um: np.ndarray) -> np.ndarray:
     return ((points >= 0) & (points < size_um)).all(axis=1)
 
 
-def closest_points(bodies: pd.DataFrame, library: Library, reach_um: float) -> pd.DataFrame:
+@dataclass(frozen=True)
+class Hulls:
+    """Vertices of shapes, by shape id: what of a library the distances need."""
+
+    vertices: dict[int, np.ndarray]
+
+
+def collided(library: Library, shapes: Iterable[int], hull_vertices: int) -> Hulls:
+    """The convex polytopes that the engine collided in place of the meshes, in the library's frame."""
+    used = {int(s) for s in shapes if s >= 0}
+    simplified = {
+        s: collision_shape(library.vertices[s], library.faces[s], hull_vertices) for s in sorted(used)
+    }
+    return Hulls({s: shape.frame.apply(shape.points) for s, shape in simplified.items()})
+
+
+def closest_points(bodies: pd.DataFrame, library: Library | Hulls, reach_um: float) -> pd.DataFrame:
     """Signed distances of the convex hulls of all pairs whose bounding spheres come within ``reach_um``.
 
     GJK distance and EPA penetration depth by FCL, in mean radii and with the first body at the origin. A
@@ -144,7 +182,7 @@ def closest_points(bodies: pd.DataFrame, library: Library, reach_um: float) -> p
     return table
 
 
-def bounding_radii(bodies: pd.DataFrame, library: Library) -> np.ndarray:
+def bounding_radii(bodies: pd.DataFrame, library: Library | Hulls) -> np.ndarray:
     """Radius (n,) um about its centre that holds each body."""
     shapes = bodies["shape"].to_numpy()
     extent = {
@@ -258,7 +296,8 @@ def max_overlap(
     bodies : DataFrame
         Columns of ``bodies.csv``; radius is that of the equal-volume sphere.
     library : Library
-        Shapes; their convex hulls are compared.
+        Shapes; the convex hulls of their meshes are compared: an upper bound where they are not convex. The
+        simplified hulls of the engine overlap far less; their difference from the mesh is counted here.
     size_um : (float, float, float), optional
         Size of the region of interest along x, y, z: only grains whose bounding spheres meet it are compared.
     """

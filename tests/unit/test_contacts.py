@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
@@ -49,7 +50,7 @@ def test_crystals_have_their_coordination(centres, number):
     table = bodies(centres - 3.9)
     size = tuple(np.ptp(centres, axis=0) - 2 * 3.9)
     touching = contacts.find_contacts(table, library(), None, 1.0)
-    result = contacts.coordination(touching, table, size, minimum=3)
+    result = contacts.coordination(touching, table, size)
     everything = result.set_index("phase").loc[0]
     assert everything["n_grains"] > 0
     assert everything["coordination"] == number
@@ -148,22 +149,40 @@ def test_overlap_outside_the_region_does_not_count():
 
 
 def test_rattlers_are_taken_away_until_none_is_left():
-    # a clique of five (everyone touches everyone), one grain on three of it, one grain on that one
-    clique = [(i, j) for i in range(5) for j in range(i + 1, 5)]
-    pairs = [*clique, (0, 5), (1, 5), (2, 5), (5, 6)]
+    # a clique of four (everyone touches everyone), one grain on two of it, one grain on that one
+    clique = [(i, j) for i in range(4) for j in range(i + 1, 4)]
+    pairs = [*clique, (0, 4), (1, 4), (4, 5)]
     touching = pd.DataFrame(pairs, columns=["grain_a", "grain_b"])
-    table = bodies(np.zeros((7, 3)), phase=[1, 1, 1, 2, 2, 2, 2])
+    table = bodies(np.zeros((6, 3)), phase=[1, 1, 1, 2, 2, 2])
     result = contacts.coordination(touching, table).set_index("phase")
-    # grain 5 has four contacts until grain 6 goes
-    assert result["n_grains"].to_dict() == {0: 7, 1: 3, 2: 4}
-    assert result["coordination"].tolist() == [4, 4, 4]
-    assert result["rattlers"].tolist() == pytest.approx([2 / 7, 0, 1 / 2])
+    # grain 4 has three contacts until grain 5 goes
+    assert result["n_grains"].to_dict() == {0: 6, 1: 3, 2: 3}
+    assert result["coordination"].tolist() == [3, 3, 3]
+    assert result["rattlers"].tolist() == pytest.approx([2 / 6, 0, 2 / 3])
+
+
+def test_contacts_of_the_hulls_that_were_collided():
+    """Two round grains at rest on their simplified hulls: no contact of the meshes, one of the hulls."""
+    mesh = trimesh.creation.icosphere(3)
+    mesh.apply_scale((4 * np.pi / 3 / mesh.volume) ** (1 / 3))
+    round_grain = SimpleNamespace(vertices=[np.array(mesh.vertices)], faces=[np.array(mesh.faces)])
+    hull = contacts.collided(round_grain, [0], 24).vertices[0]
+    assert len(hull) == 24
+    assert ConvexHull(hull).volume == pytest.approx(mesh.volume)
+    table = bodies([[0, 0, 0], [np.ptp(hull[:, 0]), 0, 0]], shape=0)
+    between = contacts.closest_points(table, contacts.Hulls({0: hull}), 1.0).loc[0, "gap_um"]
+    table.loc[1, "x"] -= between
+    assert contacts.find_contacts(table, round_grain, None, 1.0, hull_vertices=24)["gap_um"][
+        0
+    ] == pytest.approx(0, abs=1e-6)
+    meshes = contacts.closest_points(table, round_grain, 1.0).loc[0, "gap_um"]
+    assert abs(meshes) > 10 * contacts.TOLERANCE
 
 
 def test_neighbours_outside_the_region_hold_a_grain_in_place():
     table = bodies(SIMPLE_CUBIC)
     touching = contacts.find_contacts(table, library(), None, 1.0)
-    alone = contacts.coordination(touching, bodies(SIMPLE_CUBIC - 3.0), (2.0, 2.0, 2.0), minimum=3).loc[0]
+    alone = contacts.coordination(touching, bodies(SIMPLE_CUBIC - 3.0), (2.0, 2.0, 2.0)).loc[0]
     assert (alone["n_grains"], alone["coordination"]) == (1, 6)
 
 
@@ -176,6 +195,15 @@ def test_no_pairs(n):
     result = contacts.coordination(touching, table).loc[0]
     assert result["n_grains"] == n
     assert np.isnan(result["coordination"])
+
+
+def test_contacts_of_the_packing_survive_the_porosity_correction():
+    table = bodies([[0, 0, 0], [4, 0, 0]], scale=2.0)
+    spread = table.assign(x=table["x"] * 1.004 + 1.0)
+    assert contacts.find_contacts(spread, library(), None, 1.0).empty
+    pair = contacts.find_contacts(spread, library(), None, 1.0, packed=table).loc[0]
+    assert pair["gap_um"] == pytest.approx(0, abs=1e-9)
+    assert pair["x"] == pytest.approx(spread["x"].mean())
 
 
 def test_contact_area_of_two_boxes():

@@ -75,6 +75,7 @@ use rule flow as reference_flow with:
 rule contacts:
     input:
         library=f"{SAMPLE}/grains3d",
+        packed=f"{TWIN}/second/bodies.csv",
         bodies=f"{TWIN}/bodies.csv",
         twin=f"{TWIN}/twin.zarr.zip",
     output:
@@ -90,7 +91,7 @@ rule contacts:
         mem_mb=3000,
         runtime=60,
     params:
-        settings=settings("contacts"),
+        settings=settings("contacts", "packing"),
         science=science("contacts"),
     script:
         "../../scripts/contacts.py"
