@@ -170,7 +170,7 @@ def test_arrays_that_do_not_fit_are_refused():
 
 
 def test_real_grains_are_found(shared_data, root):
-    """A thin section known as grain or not, against its hand outlines: the aim is an F1 of 0.85 at IoU 0.5."""
+    """A thin section known as grain or not, against its hand outlines: the aim is an F1 of 0.85."""
     score = runpy.run_path(str(root / "tests" / "benchmarks" / "segmentation.py"))["score"]
     folder = shared_data / "thin_section"
     solid = imread(folder / "miocene_20_2_mask.png") > 0
