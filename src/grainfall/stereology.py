@@ -355,9 +355,8 @@ class _Fit(NamedTuple):
 class _Sieve:
     """Finite mixtures of gamma densities (of particle numbers), seen through the exact kernel.
 
-    Bins are equal in log radius, so every size is resolved alike. They are as narrow as the sample allows
-    (what n sections tell of a radius has an error that falls no faster than n**(-1/2)) but not narrower than
-    the lattice of radii that were measured in pixels, which would be resolved instead of the particles.
+    Bins are equal in log radius, so every size is resolved alike, and as narrow as the sample allows: what n
+    sections tell of a radius has an error that falls no faster than n**(-1/2).
     """
 
     MAX_COMPONENTS = 8
@@ -367,7 +366,7 @@ class _Sieve:
     def __init__(self, radii: np.ndarray, weights: np.ndarray):
         # Kish's effective number: what weighted sections are worth.
         self.sections = weights.sum() ** 2 / np.sum(weights**2)
-        step = max(float(np.clip(0.16 * self.sections**-0.3, 0.008, 0.03)), _lattice(radii))
+        step = float(np.clip(0.16 * self.sections**-0.3, 0.008, 0.03))
         top = np.log(radii[-1]) + 1e-9
         below = int(np.ceil(min(top - np.log(radii[0]), self.DEPTH) / step)) + 1
         inner = np.exp(top + step * np.arange(-below, int(self.BEYOND / step) + 1))
@@ -375,9 +374,10 @@ class _Sieve:
         self._inner = inner
         self._middle = 0.5 * (inner[1:] + inner[:-1])
         # Bins without sections add nothing to the likelihood: every component has the total chance 1.
-        bin_of = np.searchsorted(self.edges, radii, side="right") - 1
+        section_edges = _section_edges(self.edges, radii)
+        bin_of = np.searchsorted(section_edges, radii, side="right") - 1
         filled, self._row = np.unique(bin_of, return_inverse=True)
-        self._kernel = section_kernel(self.edges, inner)[filled] * self._middle
+        self._kernel = section_kernel(section_edges, inner)[filled] * self._middle
         self._bounds = (np.log(inner[1]), top + 0.6 * self.BEYOND), (np.log(step / 3), 0.0)
         # Where the search may start: every size at every width.
         (low, _), (narrow, wide) = self._bounds
@@ -473,13 +473,22 @@ class _Sieve:
         return fits
 
 
-def _lattice(radii: np.ndarray) -> float:
-    """Typical gap of log radius between the values of sorted radii, 0 where most values are their own."""
+def _section_edges(grid: np.ndarray, radii: np.ndarray) -> np.ndarray:
+    """Bins of sections: ``grid``, but no bin cuts what one value of sorted radii stands for.
+
+    Radii that were measured in pixels are repeated values of a lattice; each stands for all radii up to half
+    way to its neighbours. A grid that is not in step with the lattice would see peaks in it.
+    """
     values, copies = np.unique(radii, return_counts=True)
-    if len(values) < 2 or 2 * len(values) > len(radii):
-        return 0.0
-    gaps = np.repeat(np.diff(np.log(values)), copies[1:])
-    return min(float(np.median(gaps)), 0.1)
+    if len(values) < 2:
+        return grid
+    lattice = ((copies[1:] > 1) | (copies[:-1] > 1)) & (np.diff(np.log(values)) < 0.5)
+    # One value more at either end gives the last ones their outer halves.
+    values = np.concatenate([[values[0] ** 2 / values[1]], values, [values[-1] ** 2 / values[-2]]])
+    lattice = lattice[np.r_[0, 0 : len(lattice), -1]]
+    above = np.clip(np.searchsorted(values, grid), 1, len(values) - 1)
+    moves = lattice[above - 1] & (grid > values[0]) & (grid <= values[-1])
+    return np.unique(np.where(moves, np.sqrt(values[above - 1] * values[above]), grid))
 
 
 _INVERSIONS = {"adaptive": _adaptive, "tikhonov": _tikhonov, "paper": _paper, "none": _none}
