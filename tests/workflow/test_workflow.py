@@ -1,0 +1,205 @@
+"""The whole chain as a Snakemake user runs it."""
+
+import copy
+import json
+import shutil
+
+import numpy as np
+import pandas as pd
+import pytest
+import zarr
+from conftest import ROOT, TINY, planned, snakemake, write_config
+
+from grainfall.report import SUMMARY_COLUMNS
+
+pytestmark = pytest.mark.xdist_group("workflow")
+
+AFTER_PACKING = {
+    "packed_volume",
+    "virtual_spheres",
+    "second_packing",
+    "twin",
+    "measure_slices",
+    "s2_chunk",
+    "s2_slices",
+    "s2_volume",
+    "s2_envelope",
+    "network",
+    "flow",
+    "contacts",
+    "plan",
+    "metrics",
+    "summary",
+    "figure",
+    "report_page",
+    "all",
+}
+
+
+def twin(folder, realization=0):
+    return folder / "results/tiny/full" / str(realization)
+
+
+def changed(**over):
+    config = copy.deepcopy(TINY)
+    for key, value in over.items():
+        config[key] = {**config.get(key, {}), **value} if isinstance(value, dict) else value
+    return config
+
+
+def test_summary_and_report(finished):
+    summary = pd.read_csv(finished / "results/summary.csv")
+    assert tuple(summary.columns) == SUMMARY_COLUMNS
+    assert summary.realization.tolist() == [0, 1]
+    computed = ["porosity", "k_x_md", "k_ref_z_md", "s2_envelope_p", "w1_grains_um", "max_overlap", "wall_s"]
+    assert summary[computed].notna().all(axis=None)
+    assert (finished / "results/report.html").stat().st_size > 1e5
+
+
+def test_twin_keeps_its_contract(finished):
+    path = twin(finished) / "twin.zarr.zip"
+    group = zarr.open_group(zarr.storage.ZipStore(path, mode="r"), mode="r")
+    phase, body = group["phase"][...], group["body"][...]
+    assert phase.dtype == np.uint8
+    assert set(np.unique(phase)) == {0, 1, 2}
+    assert ((phase > 0) == (body > 0)).all()
+    assert {"voxel_size_um", "phases", "seed", "grainfall_version", "ome"} <= set(group.attrs)
+    bodies = pd.read_csv(twin(finished) / "bodies.csv")
+    assert (bodies.kind == "grain").all()
+    of_body = bodies.set_index("id").phase
+    ids = np.unique(body[body > 0])
+    for label in ids:
+        assert (phase[body == label] == of_body[label - 1]).all()
+
+
+def test_porosity_meets_the_target_where_scaling_was_applied(finished):
+    for realization in (0, 1):
+        report = json.loads((twin(finished, realization) / "correction.json").read_text())
+        if report["applied"]:
+            assert abs(report["after"]["porosity"] - report["target"]) <= 0.0005
+        else:
+            assert report["after"] == report["before"]
+            assert report["reason"]
+        assert abs(report["scale_factor"] - 1) < 0.01
+
+
+def test_plan_says_why(finished):
+    plan = json.loads((twin(finished) / "plan.json").read_text())
+    assert {"virtual_spheres", "position_scaling", "phase_mixing"} <= set(plan)
+    assert all(effect["reason"] for effect in plan.values())
+
+
+def test_second_run_does_nothing(finished):
+    assert planned(finished) == {}
+
+
+def test_packing_parameter_reruns_packing_and_what_follows(finished):
+    write_config(finished, changed(packing={"overrides": {"friction_static": 0.3}}), "friction.yaml")
+    rerun = planned(finished, config="friction.yaml")
+    assert "first_packing" in rerun
+    assert set(rerun) <= AFTER_PACKING | {"first_packing", "scene", "section_as_resolved"}
+    assert not {"synthesise", "morphology", "unfold_sizes", "grain_library"} & set(rerun)
+
+
+def test_edit_of_a_late_chapter_reruns_what_it_touches(finished, tmp_path):
+    house = tmp_path / "house"
+    for part in ("workflow", "scripts", "config", "src", "envs"):
+        shutil.copytree(ROOT / part, house / part, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "Snakefile", house)
+    with (house / "src/grainfall/contacts.py").open("a") as module:
+        module.write("\n# edited\n")
+    rerun = planned(finished, "--rerun-triggers", "params", snakefile=house / "Snakefile")
+    assert "contacts" in rerun
+    assert not {"first_packing", "twin", "network", "flow", "s2_volume"} & set(rerun)
+
+
+def outputs(folder):
+    """Content of every file that must not depend on cores or chunks, timing columns aside."""
+    found = {}
+    for path in sorted((folder / "results").rglob("*")):
+        name = path.relative_to(folder).as_posix()
+        timed = {"benchmarks", "logs", "figures"} & set(path.parts)
+        if path.is_dir() or timed or path.name in ("report.html", "plan.json", "packing.json", "metrics.csv"):
+            continue
+        content = path.read_bytes()
+        if path.name in ("summary.csv", "summary_row.csv", "flow.csv", "reference_flow.csv"):
+            content = pd.read_csv(path).drop(columns=["wall_s", "peak_rss_mb"], errors="ignore").to_csv()
+        found[name] = content
+    return found
+
+
+def test_one_core_and_other_chunks_give_the_same_bytes(finished, tmp_path):
+    folder = write_config(tmp_path / "again", changed(correlation={"chunks": 3}))
+    done = snakemake(folder, cores=1)
+    assert done.returncode == 0, done.stdout[-6000:]
+    first, second = outputs(finished), outputs(folder)
+    assert first.keys() == second.keys()
+    assert [name for name in first if first[name] != second[name]] == []
+    assert any(name.endswith("twin.zarr.zip") for name in first)
+
+
+def test_cache_between_workflows(finished, tmp_path, monkeypatch):
+    """Two users share grain library and packings; realizations are never mixed up."""
+    monkeypatch.setenv("SNAKEMAKE_OUTPUT_CACHE", str(tmp_path / "cache"))
+    (tmp_path / "cache").mkdir()
+    packings = [f"results/tiny/full/{realization}/first/bodies.csv" for realization in (0, 1)]
+    for user in ("one", "two"):
+        folder = write_config(tmp_path / user, TINY)
+        done = snakemake(folder, "--cache", "--", *packings)
+        assert done.returncode == 0, done.stdout[-4000:]
+    for packing in packings:
+        expected = (finished / packing).read_bytes()
+        assert all((tmp_path / user / packing).read_bytes() == expected for user in ("one", "two"))
+    assert (tmp_path / "one/results/tiny/full/0/logs/first_packing.log").exists()
+    assert not (tmp_path / "two/results/tiny/full/0/logs/first_packing.log").exists()
+
+
+@pytest.mark.parametrize(
+    ("over", "words"),
+    [
+        ({"scene": {"edge_mu": 3}}, "did you mean 'edge_um'"),
+        ({"samples": {"a": {"kind": "binary", "image": "no.png", "pixel_size_um": 1}}}, "no.png does not exist"),
+        ({"packing": {"engine": "havok"}}, "one of: physx, bullet"),
+    ],
+)
+def test_mistake_is_one_line_before_any_job(tmp_path, over, words):
+    folder = write_config(tmp_path, {**TINY, **over})
+    done = snakemake(folder)
+    assert done.returncode != 0
+    assert words in done.stdout
+    assert "Traceback" not in done.stdout
+    assert not (folder / "results").exists()
+
+
+def test_bad_image_is_one_line_and_loses_nothing(tmp_path):
+    folder = write_config(
+        tmp_path, {**TINY, "samples": {"a": {"kind": "binary", "image": "a.png", "pixel_size_um": 1}}}
+    )
+    (folder / "a.png").write_bytes(b"\x89PNG\r\n\x1a\n and no more")
+    done = snakemake(folder, "--quiet", "all", "--", "results/a/section.json")
+    assert done.returncode != 0
+    assert "grainfall: a.png: " in done.stdout
+    assert "Traceback" not in done.stdout
+    assert not (folder / "results/a/section.zarr.zip").exists()
+
+
+@pytest.mark.parametrize("flag", ["--dag", "--rulegraph", "--lint", "--summary"])
+def test_the_tools_of_a_snakemake_user(finished, flag):
+    done = snakemake(finished, flag)
+    assert done.returncode == 0, done.stdout[-3000:]
+
+
+def test_snakemake_report(finished):
+    done = snakemake(finished, "--report", "snakemake-report.html")
+    assert done.returncode == 0, done.stdout[-3000:]
+    page = (finished / "snakemake-report.html").read_text()
+    assert "report.html" in page
+
+
+def test_exports(finished):
+    done = snakemake(finished, "--", "results/tiny/full/0/export/twin.mhd")
+    assert done.returncode == 0, done.stdout[-3000:]
+    folder = twin(finished) / "export"
+    size = json.loads((finished / "results/tiny/full/scene.json").read_text())["shape_zyx"]
+    assert (folder / "twin.raw").stat().st_size == np.prod(size)
+    assert {p.suffix for p in folder.iterdir()} == {".mhd", ".raw", ".vti", ".glb", ".stl"}
