@@ -18,6 +18,7 @@ from grainfall.packing import (
     virtual_sizes,
 )
 from grainfall.packing.mixing import phase_probabilities_linear
+from grainfall.packing.virtual import THROAT
 
 
 @dataclass
@@ -190,6 +191,20 @@ def test_spheres_too_wide_for_the_region_are_left_out_and_said():
     assert found.quantile(np.array([1.0]))[0] == pytest.approx(15)
     assert "15" in found.reason
     assert not virtual_sizes(target, Bins(target.edges_um, np.array([0.1, 0])), largest_um=10.0).called_for
+
+
+def test_spheres_that_slip_between_grains_are_left_out_and_said():
+    target = Bins(np.array([0.0, 10.0, 20.0]), np.array([0.09, 0.01]))
+    found = virtual_sizes(target, None, smallest_um=10.0)
+    assert found.quantile(np.array([0.0]))[0] == pytest.approx(10)
+    assert "90 %" in found.reason
+
+
+def test_the_throat_between_three_spheres():
+    """Centres of three touching unit spheres stand 2 / sqrt(3) from the middle of their triangle."""
+    corners = 2 / 3**0.5 * np.exp(2j * np.pi * np.arange(3) / 3)
+    assert abs(corners[0] - corners[1]) == pytest.approx(2)
+    assert pytest.approx(abs(corners[0])) == 1 + THROAT
 
 
 def test_not_called_for():

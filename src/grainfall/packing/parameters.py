@@ -68,13 +68,13 @@ class Parameters:
     density: float = 2.6
     inertia: str = "exact"
     sleep_speed: float = 0.05
-    sleep_steps: int = 50
+    sleep_steps: int = 200
     solver_iterations: int = 20
     hull_vertices: int = 48
     contact_offset: float = 0.1
     drop_height: float = 4.0
     batch_layers: float = 0.5
-    max_idle_steps: int = 3000
+    max_idle_steps: int = 1000
 
     def __post_init__(self) -> None:
         for name, choices in {"engine": ("physx", "bullet"), "inertia": ("exact", "paper")}.items():

@@ -11,7 +11,13 @@ from grainfall.grains import Library
 from grainfall.packing.deposition import Box, deposit
 from grainfall.packing.mixing import Mixture, draw_population
 from grainfall.packing.parameters import Parameters
-from grainfall.packing.virtual import VirtualSizes, match_porosity, sphere_probability, virtual_sizes
+from grainfall.packing.virtual import (
+    THROAT,
+    VirtualSizes,
+    match_porosity,
+    sphere_probability,
+    virtual_sizes,
+)
 from grainfall.stereology import SizeDistribution
 
 WIDEST_SPHERE = 0.25
@@ -104,7 +110,10 @@ def plan_spheres(
         mean_grain_volume_um3.
     """
     wanted = scene["porosity_target"]
-    sizes = virtual_sizes(target, first, largest_um=WIDEST_SPHERE * scene["edge_um"])
+    radius = (3 * mean_grain_volume / (4 * np.pi)) ** (1 / 3)
+    sizes = virtual_sizes(
+        target, first, smallest_um=THROAT * radius, largest_um=WIDEST_SPHERE * scene["edge_um"]
+    )
     called_for = False
     if not enabled:
         reason = "switched off in the config"

@@ -108,7 +108,9 @@ class VirtualSizes:
         )
 
 
-def virtual_sizes(target, first, *, largest_um: float | None = None) -> VirtualSizes:
+def virtual_sizes(
+    target, first, *, smallest_um: float | None = None, largest_um: float | None = None
+) -> VirtualSizes:
     """Sizes of the virtual spheres: target minus first packing, where positive, normalised.
 
     Both are number densities that integrate to 1; they are put on the union of their bins first, which is
@@ -119,10 +121,13 @@ def virtual_sizes(target, first, *, largest_um: float | None = None) -> VirtualS
     target, first : SizeDistribution or None
         ``edges_um`` and ``f3d`` of the pore circles of the section and of slices of the first packing; None
         where no pore circle was found.
+    smallest_um : float, optional
+        Smallest radius that holds grains apart: a sphere below :data:`THROAT` mean grain radii slips between
+        three touching grains, sinks into pores that are there anyway, and comes in hordes.
     largest_um : float, optional
         Largest radius that a packing can hold, for example a quarter of the region of interest: a sphere
-        wider than half of it would be the region, not a part of it. What lies above is cut off and said in
-        ``reason``.
+        wider than half of it would be the region, not a part of it. What lies outside these limits is left
+        out and said in ``reason``.
 
     Returns
     -------
@@ -133,8 +138,8 @@ def virtual_sizes(target, first, *, largest_um: float | None = None) -> VirtualS
     edges = np.asarray(target.edges_um, float)
     if first is not None:
         edges = np.union1d(edges, np.asarray(first.edges_um, float))
-    if largest_um is not None and edges[0] < largest_um < edges[-1]:
-        edges = np.union1d(edges, [largest_um])
+    limits = [e for e in (smallest_um, largest_um) if e is not None and edges[0] < e < edges[-1]]
+    edges = np.union1d(edges, limits)
     width = np.diff(edges)
     f_target = _normalised(_on(target, edges), width)
     f_first = _normalised(_on(first, edges), width) if first is not None else np.zeros(len(width))
@@ -142,29 +147,27 @@ def virtual_sizes(target, first, *, largest_um: float | None = None) -> VirtualS
         return _none(edges, "the section has no pore circles")
     difference = f_target - f_first
     used = np.maximum(difference, 0.0)
-    reason = ""
     total = (used * width).sum()
     if total <= 1e-9:
-        return VirtualSizes(
-            edges,
-            f_target,
-            f_first,
-            difference,
-            0 * used,
-            False,
-            "no radius is short of pore circles in the first packing",
-        )
-    if largest_um is not None:
-        above = edges[:-1] >= largest_um
-        lost = (used * width)[above].sum() / total
+        reason = "no radius is short of pore circles in the first packing"
+        return VirtualSizes(edges, f_target, f_first, difference, 0 * used, False, reason)
+    reasons = []
+    for out, words in (
+        (edges[1:] <= (smallest_um or 0.0), f"below {smallest_um or 0:.4g} um slip between grains"),
+        (edges[:-1] >= (largest_um or np.inf), f"above {largest_um or 0:.4g} um do not fit"),
+    ):
+        lost = (used * width)[out].sum() / total
         if lost > 0:
-            used = np.where(above, 0.0, used)
-            reason = (
-                f"spheres above {largest_um:.4g} um ({100 * lost:.2g} % of them) do not fit and were left out"
-            )
-            if not used.any():
-                return VirtualSizes(edges, f_target, f_first, difference, 0 * used, False, reason)
+            used = np.where(out, 0.0, used)
+            reasons.append(f"spheres {words} and were left out ({100 * lost:.2g} % of them)")
+    reason = "; ".join(reasons)
+    if not used.any():
+        return VirtualSizes(edges, f_target, f_first, difference, used, False, reason)
     return VirtualSizes(edges, f_target, f_first, difference, _normalised(used, width), True, reason)
+
+
+THROAT = 2 / 3**0.5 - 1
+"""Radius of the sphere that just passes between three touching spheres, over theirs."""
 
 
 def _none(edges: np.ndarray, reason: str) -> VirtualSizes:
