@@ -145,27 +145,6 @@ def section_figure(
         Patch(facecolor=MINERALS[(i - 1) % len(MINERALS)], edgecolor="black", lw=0.5, label=name)
         for i, name in enumerate(phases) if i
     ]  # fmt: skip
-    if labels is not None:
-        cut = set() if grains is None else set(grains.loc[grains["border"].astype(bool), "grain"])
-        whole, crossing = [], []
-        for region in regionprops(labels):
-            for line in _outline(region, pixel_size_um):
-                (crossing if region.label in cut else whole).append(line)
-        right.add_collection(LineCollection(whole, colors="black", linewidths=0.8))
-        right.add_collection(
-            LineCollection(crossing, colors="black", linewidths=0.8, linestyles=(0, (1, 1.5)))
-        )
-    if pores is not None and len(pores):
-        size = 2 * pores["r_um"].to_numpy()
-        right.add_collection(
-            EllipseCollection(
-                size, size, np.zeros(len(size)), units="xy", offsets=pores[["x_um", "y_um"]].to_numpy(),
-                transOffset=right.transData, facecolors=to_rgba(PORE_CIRCLE, 0.55),
-                edgecolors="#7A2E58", linewidths=0.5,
-            )
-        )  # fmt: skip
-        handles.append(Patch(facecolor=to_rgba(PORE_CIRCLE, 0.55), edgecolor="#7A2E58", label="pore circle"))
-
     # a window in which single outlines can be seen; the whole section where it holds few grains
     span = max(height, width)
     if grains is not None and len(grains):
@@ -174,11 +153,40 @@ def section_figure(
     x0, y0 = (width - window_w) / 2, (height - window_h) / 2
     right.set(xlim=(x0, x0 + window_w), ylim=(y0 + window_h, y0))
     if window_w < width:
-        frame = Rectangle((x0, y0), window_w, window_h, fill=False, edgecolor="black", lw=1.6)
-        left.add_patch(frame)
-        left.add_patch(
-            Rectangle((x0, y0), window_w, window_h, fill=False, edgecolor="white", lw=0.7, ls="--")
+        for colour, thick, style in (("black", 1.6, "-"), ("white", 0.7, "--")):
+            frame = Rectangle((x0, y0), window_w, window_h, fill=False, ec=colour, lw=thick, ls=style)
+            left.add_patch(frame)
+    window = np.array([[y0, x0], [y0 + window_h, x0 + window_w]]) / pixel_size_um
+
+    if labels is not None:
+        cut = set() if grains is None else set(grains.loc[grains["border"].astype(bool), "grain"])
+        lines: dict[bool, list] = {False: [], True: []}
+        for region in regionprops(labels):
+            top_left, bottom_right = np.reshape(region.bbox, (2, 2))
+            if (bottom_right > window[0]).all() and (top_left < window[1]).all():
+                lines[region.label in cut] += _outline(region, pixel_size_um)
+        for crossing, style in ((False, "-"), (True, (0, (1, 1.5)))):
+            right.add_collection(
+                LineCollection(lines[crossing], colors="black", linewidths=0.8, linestyles=[style])
+            )
+    if pores is not None and len(pores):
+        r, x, y = (pores[c].to_numpy() for c in ("r_um", "x_um", "y_um"))
+        seen = (x + r > x0) & (x - r < x0 + window_w) & (y + r > y0) & (y - r < y0 + window_h)
+        size = 2 * r[seen]
+        look = {"facecolor": to_rgba(PORE_CIRCLE, 0.55), "edgecolor": "#7A2E58"}
+        right.add_collection(
+            EllipseCollection(
+                size,
+                size,
+                np.zeros(len(size)),
+                units="xy",
+                offsets=np.stack([x, y], axis=1)[seen],
+                offset_transform=right.transData,
+                linewidths=0.5,
+                **look,
+            )
         )
+        handles.append(Patch(label="pore circle", **look))
     for axes in (left, right):
         axes.set_xlabel("x (µm)")
         axes.spines[:].set_visible(True)
