@@ -496,6 +496,11 @@ def _facts(r: Results) -> list[tuple[str, str]]:
         facts.append(
             ("Twin", f"{shape[2]} × {shape[1]} × {shape[0]} voxels (x, y, z) of {tables.number(voxel)} µm")
         )
+        unit = (r.json("twin:first/packing.json") or {}).get("unit_um")
+        if unit is not None:
+            facts.append(
+                ("Unit of length in the engine", f"{tables.number(unit)} µm, so that a grain is of order 1")
+            )
         if twin[0].get("seed") is not None:
             facts.append(("Seed", str(twin[0]["seed"])))
     if scene.get("porosity_target") is not None:
