@@ -16,7 +16,9 @@ with stage(snakemake) as progress:
     method = settings["flow"]["methods"][0]
     reference = None
     if files.get("reference_pores"):
-        reference = network.element_sizes(network.load(str(files.reference_pores), str(files.reference_throats)))
+        reference = network.element_sizes(
+            network.load(str(files.reference_pores), str(files.reference_throats))
+        )
     twin_network = network.element_sizes(network.load(files.network_pores, files.network_throats))
     costs = report.read_costs(files.benchmarks)
     s2_volume = table("s2_volume")

@@ -594,3 +594,16 @@ def test_fewer_independent_bodies_widen_the_bound():
         for n in (None, 20)
     ]
     assert bounds[1] > bounds[0]
+
+
+def test_many_minerals_stay_readable():
+    from grainfall.report import figures
+
+    rng = np.random.default_rng(0)
+    names = ["pore", *(f"$mineral_{i}$" for i in range(1, 41))]
+    sizes = pd.concat([histogram("grain", i, 12, rng) for i in range(1, 41)] + [histogram("pore", 0, 6, rng)])
+    figure = figures.sizes_figure(sizes, names)
+    assert len(figure.axes) == 2 * figures.MOST_PANELS
+    assert figure.axes[figures.MOST_PANELS - 1].get_title(loc="left") == "pore circles"
+    block = figures.block_figure(rng.integers(0, 41, (6, 6, 6)).astype(np.uint8), 1.0, names)
+    assert block.legends[0].get_texts()[-1].get_text() == "and 31 more"

@@ -58,6 +58,9 @@ STYLE = {
     "svg.fonttype": "path",
 }
 
+MOST_PANELS = 6
+"""Most columns of the size histograms."""
+
 WIDTH = 7.2
 """Width of a full figure in inches."""
 
@@ -102,6 +105,16 @@ def phase_colours(phase: np.ndarray) -> np.ndarray:
     return table[phase]
 
 
+def _mineral_handles(phases: Sequence[str], most: int = 9) -> list[Patch]:
+    """Legend entries of the minerals, the first ``most`` of them."""
+    handles = [
+        Patch(facecolor=MINERALS[i % len(MINERALS)], edgecolor="black", lw=0.5, label=name)
+        for i, name in enumerate(phases[1:])
+    ]
+    rest = len(handles) - most
+    return handles if rest <= 0 else [*handles[:most], Patch(alpha=0, label=f"and {rest} more")]
+
+
 @_styled
 def section_figure(
     phase: np.ndarray,
@@ -141,10 +154,7 @@ def section_figure(
     right.imshow(0.45 * colours + 0.55, extent=extent)
     right.set_title("Grains and inscribed pore circles")
 
-    handles = [
-        Patch(facecolor=MINERALS[(i - 1) % len(MINERALS)], edgecolor="black", lw=0.5, label=name)
-        for i, name in enumerate(phases) if i
-    ]  # fmt: skip
+    handles = _mineral_handles(phases)
     # a window in which single outlines can be seen; the whole section where it holds few grains
     span = max(height, width)
     if grains is not None and len(grains):
@@ -229,7 +239,10 @@ def sizes_figure(
     bodies : DataFrame, optional
         bodies.csv of the twin; grain radii are its ``scale``.
     """
-    groups = [(k, g) for k, g in sizes.groupby(["kind", "phase"], sort=True)]
+    groups = list(sizes.groupby(["kind", "phase"], sort=True))
+    hidden = max(0, len(groups) - MOST_PANELS)
+    # too many columns cannot be read: the last minerals go first, the pore circles (sorted last) stay
+    groups = groups[: MOST_PANELS - 1] + groups[-1:] if hidden else groups
     columns = max(1, len(groups))
     figure = Figure(figsize=(max(WIDTH, 2.6 * columns), 4.9))
     rows = figure.subplots(2, columns, squeeze=False, sharex="col")
@@ -270,6 +283,8 @@ def sizes_figure(
             axes.set_xlim(left=0)
     rows[0, 0].set_ylabel("2D: density on slices (1/µm)")
     rows[1, 0].set_ylabel("3D: density (1/µm)")
+    if hidden:
+        figure.suptitle(f"{hidden} further minerals are in sizes.csv", fontsize=9, style="italic")
     entries: dict[str, object] = {}
     for axes in rows.ravel():
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
@@ -409,10 +424,7 @@ def packings_figure(
         axes.spines[:].set_visible(True)
         if axes.get_subplotspec().is_first_col():
             axes.set_ylabel("z, up (µm)")
-    handles = [
-        Patch(facecolor=MINERALS[(i - 1) % len(MINERALS)], edgecolor="black", lw=0.5, label=name)
-        for i, name in enumerate(phases) if i
-    ]  # fmt: skip
+    handles = _mineral_handles(phases)
     handles.append(Patch(facecolor=PORE, edgecolor="black", lw=0.5, label="pore"))
     if second is not None and (second == VIRTUAL_LABEL).any():
         handles.append(Patch(facecolor=VIRTUAL, edgecolor="black", lw=0.8, label="virtual sphere"))
@@ -455,10 +467,7 @@ def block_figure(phase: np.ndarray, voxel_size_um: float, phases: Sequence[str] 
     axes.set_axis_off()
     size = " × ".join(number(n * voxel_size_um) for n in (nx, ny, nz))
     axes.set_title(f"{size} µm (x × y × z)", fontsize=9, fontweight="normal", loc="center")
-    handles = [
-        Patch(facecolor=MINERALS[(i - 1) % len(MINERALS)], edgecolor="black", lw=0.5, label=name)
-        for i, name in enumerate(phases) if i
-    ]  # fmt: skip
+    handles = _mineral_handles(phases)
     figure.legend(handles=handles, loc="outside lower center", ncols=4)
     return figure
 
