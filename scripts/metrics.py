@@ -16,20 +16,23 @@ with stage(snakemake) as progress:
     method = settings["flow"]["methods"][0]
     reference = None
     if files.get("reference_pores"):
-        reference = network.element_sizes(network.load(str(files.reference_pores), str(files.reference_throats)))
+        reference = network.element_sizes(
+            network.load(str(files.reference_pores), str(files.reference_throats))
+        )
     twin_network = network.element_sizes(network.load(files.network_pores, files.network_throats))
     costs = report.read_costs(files.benchmarks)
     s2_volume = table("s2_volume")
     radial = s2_volume[s2_volume.axis.isin(list("xyz"))].groupby("lag_um", as_index=False).s2.mean()
+    packing = report.packing_values(
+        scene,
+        io.read_json(files.spheres),
+        io.read_json(files.second),
+        io.read_json(files.correction),
+        table("bodies"),
+        phase,
+    )
     values = {
-        **report.packing_values(
-            scene,
-            io.read_json(files.spheres),
-            io.read_json(files.second),
-            io.read_json(files.correction),
-            table("bodies"),
-            phase,
-        ),
+        **packing,
         **report.phase_values(phase, section),
         **report.section_comparison(
             table("section_grains"),
@@ -37,6 +40,7 @@ with stage(snakemake) as progress:
             table("grains"),
             table("pores"),
             random.generator(**snakemake.params.stream, chapter="report"),
+            twin_bodies=packing["n_grains"],
         ),
         "s2_inside_envelope": correlation.inside_cloud(table("envelope"), table("s2_slices")),
         "s2_envelope_p": io.read_json(files.envelope_test)["p"],

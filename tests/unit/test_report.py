@@ -143,7 +143,7 @@ def make_sample(root: Path, name="demo", variants=("full", "bullet"), realizatio
             io.write_volume(twin / "first" / "volume.zarr.zip", {"phase": volume}, PIXEL)
             spheres = np.where((volume > 0) & (body % 5 == 0), 255, volume).astype(np.uint8)
             io.write_volume(twin / "second" / "volume.zarr.zip", {"phase": spheres}, PIXEL)
-            io.write_json(twin / "first" / "packing.json", {"steps": 900, "length_unit_um": 12.5})
+            io.write_json(twin / "first" / "packing.json", {"steps": 900, "unit_um": 12.5})
             io.write_json(twin / "second" / "packing.json", {"steps": 1200, "passes": [{"p_sp": 0.1}]})
             io.write_json(
                 twin / "plan.json",
@@ -315,7 +315,7 @@ def test_page_says_every_metric_and_what_missed(page, tree):
     assert "(in 2 of 2 realizations)" in text
     assert "porosity 0.36 < 0.40" in text
     assert "s2_slices" in text
-    assert "length unit um" in text
+    assert "12.5 µm, so that a grain is of order 1" in text
     assert "thresholds 17, 91" in text
 
 
@@ -585,3 +585,25 @@ def test_costs_add_up_over_jobs_and_parts(tree):
     assert costs.loc["s2_slices", "wall_s"] == pytest.approx(8 * 1.25)
     assert costs.loc["morphology", "peak_rss_mb"] == 120
     assert read_costs([]).empty
+
+
+def test_fewer_independent_bodies_widen_the_bound():
+    one, two = (grain_table(np.random.default_rng(n), 300, 12) for n in (1, 2))
+    bounds = [
+        section_comparison(one, None, two, None, np.random.default_rng(0), 60, n)["w1_grains_um_target"][2]
+        for n in (None, 20)
+    ]
+    assert bounds[1] > bounds[0]
+
+
+def test_many_minerals_stay_readable():
+    from grainfall.report import figures
+
+    rng = np.random.default_rng(0)
+    names = ["pore", *(f"$mineral_{i}$" for i in range(1, 41))]
+    sizes = pd.concat([histogram("grain", i, 12, rng) for i in range(1, 41)] + [histogram("pore", 0, 6, rng)])
+    figure = figures.sizes_figure(sizes, names)
+    assert len(figure.axes) == 2 * figures.MOST_PANELS
+    assert figure.axes[figures.MOST_PANELS - 1].get_title(loc="left") == "pore circles"
+    block = figures.block_figure(rng.integers(0, 41, (6, 6, 6)).astype(np.uint8), 1.0, names)
+    assert block.legends[0].get_texts()[-1].get_text() == "and 31 more"

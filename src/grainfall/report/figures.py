@@ -58,6 +58,9 @@ STYLE = {
     "svg.fonttype": "path",
 }
 
+MOST_PANELS = 6
+"""Most columns of the size histograms."""
+
 WIDTH = 7.2
 """Width of a full figure in inches."""
 
@@ -102,6 +105,16 @@ def phase_colours(phase: np.ndarray) -> np.ndarray:
     return table[phase]
 
 
+def _mineral_handles(phases: Sequence[str], most: int = 9) -> list[Patch]:
+    """Legend entries of the minerals, the first ``most`` of them."""
+    handles = [
+        Patch(facecolor=MINERALS[i % len(MINERALS)], edgecolor="black", lw=0.5, label=name)
+        for i, name in enumerate(phases[1:])
+    ]
+    rest = len(handles) - most
+    return handles if rest <= 0 else [*handles[:most], Patch(alpha=0, label=f"and {rest} more")]
+
+
 @_styled
 def section_figure(
     phase: np.ndarray,
@@ -141,31 +154,7 @@ def section_figure(
     right.imshow(0.45 * colours + 0.55, extent=extent)
     right.set_title("Grains and inscribed pore circles")
 
-    handles = [
-        Patch(facecolor=MINERALS[(i - 1) % len(MINERALS)], edgecolor="black", lw=0.5, label=name)
-        for i, name in enumerate(phases) if i
-    ]  # fmt: skip
-    if labels is not None:
-        cut = set() if grains is None else set(grains.loc[grains["border"].astype(bool), "grain"])
-        whole, crossing = [], []
-        for region in regionprops(labels):
-            for line in _outline(region, pixel_size_um):
-                (crossing if region.label in cut else whole).append(line)
-        right.add_collection(LineCollection(whole, colors="black", linewidths=0.8))
-        right.add_collection(
-            LineCollection(crossing, colors="black", linewidths=0.8, linestyles=(0, (1, 1.5)))
-        )
-    if pores is not None and len(pores):
-        size = 2 * pores["r_um"].to_numpy()
-        right.add_collection(
-            EllipseCollection(
-                size, size, np.zeros(len(size)), units="xy", offsets=pores[["x_um", "y_um"]].to_numpy(),
-                transOffset=right.transData, facecolors=to_rgba(PORE_CIRCLE, 0.55),
-                edgecolors="#7A2E58", linewidths=0.5,
-            )
-        )  # fmt: skip
-        handles.append(Patch(facecolor=to_rgba(PORE_CIRCLE, 0.55), edgecolor="#7A2E58", label="pore circle"))
-
+    handles = _mineral_handles(phases)
     # a window in which single outlines can be seen; the whole section where it holds few grains
     span = max(height, width)
     if grains is not None and len(grains):
@@ -174,11 +163,40 @@ def section_figure(
     x0, y0 = (width - window_w) / 2, (height - window_h) / 2
     right.set(xlim=(x0, x0 + window_w), ylim=(y0 + window_h, y0))
     if window_w < width:
-        frame = Rectangle((x0, y0), window_w, window_h, fill=False, edgecolor="black", lw=1.6)
-        left.add_patch(frame)
-        left.add_patch(
-            Rectangle((x0, y0), window_w, window_h, fill=False, edgecolor="white", lw=0.7, ls="--")
+        for colour, thick, style in (("black", 1.6, "-"), ("white", 0.7, "--")):
+            frame = Rectangle((x0, y0), window_w, window_h, fill=False, ec=colour, lw=thick, ls=style)
+            left.add_patch(frame)
+    window = np.array([[y0, x0], [y0 + window_h, x0 + window_w]]) / pixel_size_um
+
+    if labels is not None:
+        cut = set() if grains is None else set(grains.loc[grains["border"].astype(bool), "grain"])
+        lines: dict[bool, list] = {False: [], True: []}
+        for region in regionprops(labels):
+            top_left, bottom_right = np.reshape(region.bbox, (2, 2))
+            if (bottom_right > window[0]).all() and (top_left < window[1]).all():
+                lines[region.label in cut] += _outline(region, pixel_size_um)
+        for crossing, style in ((False, "-"), (True, (0, (1, 1.5)))):
+            right.add_collection(
+                LineCollection(lines[crossing], colors="black", linewidths=0.8, linestyles=[style])
+            )
+    if pores is not None and len(pores):
+        r, x, y = (pores[c].to_numpy() for c in ("r_um", "x_um", "y_um"))
+        seen = (x + r > x0) & (x - r < x0 + window_w) & (y + r > y0) & (y - r < y0 + window_h)
+        size = 2 * r[seen]
+        look = {"facecolor": to_rgba(PORE_CIRCLE, 0.55), "edgecolor": "#7A2E58"}
+        right.add_collection(
+            EllipseCollection(
+                size,
+                size,
+                np.zeros(len(size)),
+                units="xy",
+                offsets=np.stack([x, y], axis=1)[seen],
+                offset_transform=right.transData,
+                linewidths=0.5,
+                **look,
+            )
         )
+        handles.append(Patch(label="pore circle", **look))
     for axes in (left, right):
         axes.set_xlabel("x (µm)")
         axes.spines[:].set_visible(True)
@@ -221,7 +239,10 @@ def sizes_figure(
     bodies : DataFrame, optional
         bodies.csv of the twin; grain radii are its ``scale``.
     """
-    groups = [(k, g) for k, g in sizes.groupby(["kind", "phase"], sort=True)]
+    groups = list(sizes.groupby(["kind", "phase"], sort=True))
+    hidden = max(0, len(groups) - MOST_PANELS)
+    # too many columns cannot be read: the last minerals go first, the pore circles (sorted last) stay
+    groups = groups[: MOST_PANELS - 1] + groups[-1:] if hidden else groups
     columns = max(1, len(groups))
     figure = Figure(figsize=(max(WIDTH, 2.6 * columns), 4.9))
     rows = figure.subplots(2, columns, squeeze=False, sharex="col")
@@ -234,14 +255,16 @@ def sizes_figure(
         name = "pore circles" if pore else (phases[phase] if phase < len(phases) else f"mineral {phase}")
         top.set_title(name)
 
-        top.stairs(table["f2d"], edges, fill=True, color=to_rgba(colour, 0.45))
-        top.stairs(table["f2d"], edges, color=SECTION, lw=1.0, label="section, as seen")
+        # counted samples are shown on wider bins than the unfolding used, or noise is all one sees
+        wide, f2d = _merged(edges, table["f2d"].to_numpy())
+        top.stairs(f2d, wide, fill=True, color=to_rgba(colour, 0.45))
+        top.stairs(f2d, wide, color=SECTION, lw=1.0, label="section, as seen")
         seen = twin_pores if pore else twin_grains
         if seen is not None:
             seen = seen[seen["weight"] > 0]
             if not pore:
                 seen = seen[seen["phase"] == phase]
-            _density(top, seen["r_um"], seen["weight"], edges, TWIN, "-", "twin, slices")
+            _density(top, seen["r_um"], seen["weight"], wide, TWIN, "-", "twin, slices")
 
         bottom.stairs(
             table["upper"], edges, baseline=table["lower"], fill=True, color=to_rgba(colour, 0.35),
@@ -250,16 +273,18 @@ def sizes_figure(
         bottom.stairs(table["f3d"], edges, color=SECTION, lw=1.4, label="section, unfolded")
         if truth is not None and not pore:
             of_phase = truth.loc[truth["phase"] == phase, "r_um"]
-            _density(bottom, of_phase, None, edges, TRUTH, (0, (4, 1.5)), "truth")
+            _density(bottom, of_phase, None, wide, TRUTH, (0, (4, 1.5)), "truth")
         if bodies is not None and not pore:
             of_phase = bodies[(bodies["kind"] == "grain") & (bodies["phase"] == phase)]
-            _density(bottom, of_phase["scale"], None, edges, TWIN, "-", "twin, bodies")
+            _density(bottom, of_phase["scale"], None, wide, TWIN, "-", "twin, bodies")
         bottom.set_xlabel("radius (µm)")
         for axes in (top, bottom):
             axes.set_ylim(bottom=0)
             axes.set_xlim(left=0)
     rows[0, 0].set_ylabel("2D: density on slices (1/µm)")
     rows[1, 0].set_ylabel("3D: density (1/µm)")
+    if hidden:
+        figure.suptitle(f"{hidden} further minerals are in sizes.csv", fontsize=9, style="italic")
     entries: dict[str, object] = {}
     for axes in rows.ravel():
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
@@ -269,6 +294,14 @@ def sizes_figure(
         entries["bootstrap band"] = Patch(facecolor="#BBBBBB")
     figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=3)
     return figure
+
+
+def _merged(edges: np.ndarray, density: np.ndarray, most: int = 24) -> tuple[np.ndarray, np.ndarray]:
+    """A histogram with neighbouring bins merged until at most ``most`` are left; its area stays."""
+    step = -(-len(density) // most)
+    kept = np.unique(np.append(np.arange(0, len(edges), step), len(edges) - 1))
+    mass = np.add.reduceat(density * np.diff(edges), kept[:-1])
+    return edges[kept], mass / np.diff(edges[kept])
 
 
 def _density(axes, radii, weights, edges, colour, style, label) -> None:
@@ -391,10 +424,7 @@ def packings_figure(
         axes.spines[:].set_visible(True)
         if axes.get_subplotspec().is_first_col():
             axes.set_ylabel("z, up (µm)")
-    handles = [
-        Patch(facecolor=MINERALS[(i - 1) % len(MINERALS)], edgecolor="black", lw=0.5, label=name)
-        for i, name in enumerate(phases) if i
-    ]  # fmt: skip
+    handles = _mineral_handles(phases)
     handles.append(Patch(facecolor=PORE, edgecolor="black", lw=0.5, label="pore"))
     if second is not None and (second == VIRTUAL_LABEL).any():
         handles.append(Patch(facecolor=VIRTUAL, edgecolor="black", lw=0.8, label="virtual sphere"))
@@ -437,10 +467,7 @@ def block_figure(phase: np.ndarray, voxel_size_um: float, phases: Sequence[str] 
     axes.set_axis_off()
     size = " × ".join(number(n * voxel_size_um) for n in (nx, ny, nz))
     axes.set_title(f"{size} µm (x × y × z)", fontsize=9, fontweight="normal", loc="center")
-    handles = [
-        Patch(facecolor=MINERALS[(i - 1) % len(MINERALS)], edgecolor="black", lw=0.5, label=name)
-        for i, name in enumerate(phases) if i
-    ]  # fmt: skip
+    handles = _mineral_handles(phases)
     figure.legend(handles=handles, loc="outside lower center", ncols=4)
     return figure
 

@@ -73,15 +73,15 @@ class Results:
             return None
         return io.read_volume(self.path(name), array)[0]
 
-    def attributes(self, name: str) -> tuple[dict, set[str]] | None:
-        """Group attributes of a volume file and the names of its arrays."""
+    def attributes(self, name: str) -> tuple[dict, dict[str, tuple]] | None:
+        """Group attributes of a volume file, and the shapes of its arrays by name."""
         import zarr
 
         if not self.path(name).exists():
             return None
         with zarr.storage.ZipStore(self.path(name), mode="r") as store:
             group = zarr.open_group(store, mode="r")
-            return dict(group.attrs), set(group.array_keys())
+            return dict(group.attrs), {key: array.shape for key, array in group.arrays()}
 
     @cached_property
     def phases(self) -> list[str]:
@@ -92,7 +92,7 @@ class Results:
         return ["pore"]
 
     @cached_property
-    def _section(self) -> tuple[dict, set[str]] | None:
+    def _section(self) -> tuple[dict, dict[str, tuple]] | None:
         return self.attributes("sample:section.zarr.zip")
 
     @property
@@ -491,11 +491,16 @@ def _facts(r: Results) -> list[tuple[str, str]]:
     scene = r.json("variant:scene.json") or {}
     twin = r.attributes("twin:twin.zarr.zip")
     if twin:
-        shape = r.volume("twin:twin.zarr.zip", "phase").shape
+        shape = twin[1]["phase"]
         voxel = float(twin[0]["voxel_size_um"])
         facts.append(
             ("Twin", f"{shape[2]} × {shape[1]} × {shape[0]} voxels (x, y, z) of {tables.number(voxel)} µm")
         )
+        unit = (r.json("twin:first/packing.json") or {}).get("unit_um")
+        if unit is not None:
+            facts.append(
+                ("Unit of length in the engine", f"{tables.number(unit)} µm, so that a grain is of order 1")
+            )
         if twin[0].get("seed") is not None:
             facts.append(("Seed", str(twin[0]["seed"])))
     if scene.get("porosity_target") is not None:
@@ -697,8 +702,7 @@ def _inside(r: Results) -> pd.DataFrame | None:
     bodies, twin = r.table("twin:bodies.csv"), r.attributes("twin:twin.zarr.zip")
     if bodies is None or twin is None:
         return bodies
-    shape = r.volume("twin:twin.zarr.zip", "phase").shape
-    reach = np.array(shape[::-1]) * float(twin[0]["voxel_size_um"])
+    reach = np.array(twin[1]["phase"][::-1]) * float(twin[0]["voxel_size_um"])
     centre = bodies[["x", "y", "z"]].to_numpy()
     return bodies[((centre >= 0) & (centre < reach)).all(1)]
 
