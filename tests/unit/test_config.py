@@ -1,5 +1,6 @@
 """A user's mistake in the config or the sheet is one line that says where and what would be right."""
 
+import dataclasses
 import re
 import string
 import tomllib
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 
 from grainfall import config
 from grainfall.errors import InputError
+from grainfall.packing import Parameters
 
 
 @pytest.fixture(scope="module")
@@ -152,6 +154,16 @@ def test_every_key_is_documented(root, schema, sample_schema):
     for key, sub in [*keys_of(schema), *keys_of(sample_schema)]:
         assert f"| `{key}` |" in text, key
         assert sub.get("description"), key
+
+
+def test_every_packing_parameter_can_be_set(schema):
+    """The schema's overrides are the fields of Parameters, and what it lets pass, they take."""
+    known = schema["properties"]["packing"]["properties"]["overrides"]["properties"]
+    assert set(known) == {field.name for field in dataclasses.fields(Parameters)} - {"engine"}
+    for name, sub in known.items():
+        for bound in ("minimum", "maximum"):
+            if bound in sub:
+                Parameters.named("default", **{name: sub[bound]})
 
 
 def test_environments_are_in_step(root):

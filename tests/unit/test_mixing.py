@@ -12,6 +12,7 @@ from grainfall.errors import InputError
 from grainfall.packing import (
     Mixture,
     draw_population,
+    draw_zones,
     match_porosity,
     phase_probabilities,
     sphere_probability,
@@ -267,3 +268,15 @@ def test_a_target_out_of_reach_ends_with_the_nearest_pass():
     assert not found.reached
     assert "not met" in found.reason
     assert found.porosity == max(row["porosity"] for row in found.passes)
+
+
+@pytest.mark.parametrize("share", [0.2, 0.5, 1.0])
+def test_each_zone_keeps_its_own_quota(share):
+    """Over the region and around it every prefix of the supply holds the right mix of phases."""
+    mixture = Mixture({1: Uniform(15.0, 25.0), 2: Uniform(8.0, 12.0)}, {1: 0.6, 2: 0.4})
+    supply = draw_zones(mixture, Library(), 2e7, share, np.random.default_rng(1))
+    assert supply.over_roi.mean() == pytest.approx(share, abs=0.01)
+    for _, zone in supply.groupby("over_roi"):
+        counts = np.cumsum(zone.phase.to_numpy() == 1)
+        wanted = mixture.probabilities[0] * np.arange(1, len(zone) + 1)
+        assert np.abs(counts - wanted).max() <= 1

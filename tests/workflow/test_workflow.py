@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 import zarr
-from conftest import ROOT, TINY, planned, snakemake, write_config
 
+from conftest import ROOT, TINY, planned, snakemake, write_config
 from grainfall.report import SUMMARY_COLUMNS
 
 pytestmark = pytest.mark.xdist_group("workflow")
@@ -158,7 +158,10 @@ def test_cache_between_workflows(finished, tmp_path, monkeypatch):
     ("over", "words"),
     [
         ({"scene": {"edge_mu": 3}}, "did you mean 'edge_um'"),
-        ({"samples": {"a": {"kind": "binary", "image": "no.png", "pixel_size_um": 1}}}, "no.png does not exist"),
+        (
+            {"samples": {"a": {"kind": "binary", "image": "no.png", "pixel_size_um": 1}}},
+            "no.png does not exist",
+        ),
         ({"packing": {"engine": "havok"}}, "one of: physx, bullet"),
     ],
 )

@@ -1,7 +1,7 @@
 """Grains dropped under gravity by a rigid-body engine: what is poured, how it settles."""
 
 from grainfall.packing.deposition import Box, container, deposit
-from grainfall.packing.mixing import Mixture, draw_population, phase_probabilities
+from grainfall.packing.mixing import Mixture, draw_population, draw_zones, phase_probabilities
 from grainfall.packing.parameters import NAMED, Parameters
 from grainfall.packing.plan import effects_plan
 from grainfall.packing.scene import plan_scene
@@ -17,6 +17,7 @@ __all__ = [
     "container",
     "deposit",
     "draw_population",
+    "draw_zones",
     "effects_plan",
     "match_porosity",
     "pack",

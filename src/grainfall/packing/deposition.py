@@ -139,7 +139,8 @@ def deposit(
     ----------
     population : DataFrame
         The supply in pour order: kind (``grain`` or ``virtual``), phase, shape (-1: sphere), scale
-        (equal-volume radius, um). It is poured as far as needed and, should it run out, again from its start.
+        (equal-volume radius, um); optional over_roi: whether the body is released over the ROI or around it
+        (anywhere if omitted). It is poured as far as needed and, should it run out, again from its start.
     library : grainfall.grains.Library
         Shapes: ``vertices``, ``faces``, equal-volume radius 1, centre of mass at the origin.
     box : Box
@@ -185,6 +186,7 @@ class _Deposition:
         self.phase = population["phase"].to_numpy(int)
         self.shape = population["shape"].to_numpy(int)
         self.radius = population["scale"].to_numpy(float) / self.unit
+        self.over = population["over_roi"].to_numpy(bool) if "over_roi" in population else None
         self.shapes = collision_shapes(library, np.unique(self.shape), parameters.hull_vertices)
         self.bound = self.radius * np.array([self.shapes[s].bound for s in self.shape])
         self.sides = np.array(box.sides_um) / self.unit
@@ -286,9 +288,7 @@ class _Deposition:
         released = []
         for row in batch:
             r = self.bound[row]
-            low = np.array([r, r, floor + r])
-            room = np.array([self.sides[0] - 2 * r, self.sides[1] - 2 * r, max(depth - 2 * r, 0.0)])
-            tries = low + self.rng.random((TRIES, 3)) * room
+            tries = self._places(row, floor, depth)
             quaternion = random_quaternion(self.rng)
             if places:
                 gaps = np.linalg.norm(tries[:, None] - np.array(places), axis=2) - (np.array(radii) + r)
@@ -315,6 +315,21 @@ class _Deposition:
         self.still = np.append(self.still, np.zeros(n, int))
         self.fixed = np.append(self.fixed, np.zeros(n, bool))
         self.size = np.append(self.size, self.bound[list(rows)])
+
+    def _places(self, row: int, floor: float, depth: float) -> np.ndarray:
+        """Random places (n, 3) for one body in the zone of release, over the ROI or around it as it asks."""
+        r = self.bound[row]
+        low = np.array([r, r, floor + r])
+        room = np.array([*(self.sides - 2 * r), max(depth - 2 * r, 0.0)])
+        roi = np.array(self.box.roi_um[:2]) / self.unit
+        if self.over is None or self.margin <= r:
+            return low + self.rng.random((TRIES, 3)) * room
+        if self.over[row]:
+            low[:2], room[:2] = self.margin, roi
+            return low + self.rng.random((TRIES, 3)) * room
+        tries = low + self.rng.random((4 * TRIES, 3)) * room
+        around = ((tries[:, :2] < self.margin) | (tries[:, :2] > self.margin + roi)).any(axis=1)
+        return tries[around][:TRIES]
 
     def _solid(self, row: int) -> Solid:
         shape, r = self.shapes[self.shape[row]], self.radius[row]

@@ -209,6 +209,38 @@ def draw_population(mixture: Mixture, library, volume_um3: float, rng: np.random
     )
 
 
+def draw_zones(
+    mixture: Mixture, library, volume_um3: float, share: float, rng: np.random.Generator
+) -> pd.DataFrame:
+    """The supply in two streams, each with its own quota: over the region of interest, and around it.
+
+    Walls keep large grains at a distance, so one quota for the whole box leaves the region richer in the
+    coarser mineral than the box is; and its few hundred grains would scatter about the mean. A stream of
+    its own holds the region to its quota.
+
+    Parameters
+    ----------
+    mixture, library, volume_um3, rng
+        See :func:`draw_population`.
+    share : float
+        Share of the box's floor that lies under the region, in (0, 1].
+
+    Returns
+    -------
+    DataFrame
+        As :func:`draw_population`, with ``over_roi``: released over the region (True) or around it.
+    """
+    streams = [
+        draw_population(mixture, library, part * volume_um3, rng).assign(over_roi=over)
+        for over, part in ((True, share), (False, 1 - share))
+        if part > 0
+    ]
+    counts = np.array([len(stream) for stream in streams])
+    order = np.argsort(_interleave(counts / counts.sum(), counts.sum()), kind="stable")
+    merged = pd.concat(streams, ignore_index=True)
+    return merged.iloc[np.argsort(order, kind="stable")].reset_index(drop=True)
+
+
 def _interleave(shares: np.ndarray, n: int) -> np.ndarray:
     """Component of each of ``n`` bodies: always the one most behind its share (ties: the first)."""
     component = np.empty(n, int)

@@ -70,7 +70,7 @@ class Parameters:
     sleep_speed: float = 0.05
     sleep_steps: int = 200
     solver_iterations: int = 20
-    hull_vertices: int = 48
+    hull_vertices: int = 128
     contact_offset: float = 0.1
     drop_height: float = 4.0
     batch_layers: float = 0.5

@@ -9,7 +9,7 @@ import pandas as pd
 
 from grainfall.grains import Library
 from grainfall.packing.deposition import Box, deposit
-from grainfall.packing.mixing import Mixture, draw_population
+from grainfall.packing.mixing import Mixture, draw_zones
 from grainfall.packing.parameters import Parameters
 from grainfall.packing.virtual import (
     THROAT,
@@ -67,7 +67,8 @@ def pack(
         p_sphere,
     )
     box = Box((scene["edge_um"],) * 3, scene["margin_um"])
-    population = draw_population(mixture, library, box.solid_um3(), rng)
+    share = scene["edge_um"] ** 2 / np.prod(box.sides_um)
+    population = draw_zones(mixture, library, box.solid_um3(), share, rng)
 
     def tell(poured: int, settled: int, expected: int, steps: int) -> None:
         progress(f"{settled} of about {expected} bodies settled, {poured} poured, step {steps}")
