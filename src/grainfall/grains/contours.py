@@ -16,6 +16,10 @@ MIN_PIXELS = 16
 MIN_WIDTH = 3
 """Smallest side of a usable mask's bounding box in pixels: thinner ones are lines."""
 
+SMOOTHING_PX = 1.0
+"""Gaussian width along the outline, in pixels: what a mask says of its outline below one pixel is the steps of
+the grid, which as facets and ledges of a 3D grain would roughen every section of it."""
+
 _SCAN = 360  # rays per turn for judging a contour; one a degree, about a pixel on a mask of 115 px
 
 
@@ -26,9 +30,9 @@ class Unusable(ValueError):
 def mask_contour(mask: np.ndarray) -> np.ndarray:
     """The sub-pixel contour of a mask, holes filled, largest piece only.
 
-    The half-level line between pixel centres encloses exactly half a pixel less than the mask, whatever its
-    shape (a convex corner loses 1/8, a concave one gains 1/8, and a closed outline has four more convex
-    ones); the contour is scaled to make up for it, so the area is unbiased.
+    The half-level line between pixel centres, smoothed along its length by :data:`SMOOTHING_PX`, then scaled
+    to the area of the mask: smoothing shrinks an outline, and the half-level line alone encloses half a pixel
+    less than the mask, whatever its shape.
 
     Parameters
     ----------
@@ -59,10 +63,21 @@ def mask_contour(mask: np.ndarray) -> np.ndarray:
         raise Unusable(f"only {width} pixels wide, fewer than {MIN_WIDTH}")
     (line,) = measure.find_contours(mask, 0.5)
     contour = line[:-1, ::-1] * (1.0, -1.0)  # rows run down, v runs up
-    area, centroid, _ = polygon_moments(contour)
-    if area < 0:
+    if polygon_moments(contour)[0] < 0:
         contour = contour[::-1]
-    return (contour - centroid) * np.sqrt(pixels / abs(area))
+    contour = _smoothed(contour)
+    area, centroid, _ = polygon_moments(contour)
+    return (contour - centroid) * np.sqrt(pixels / area)
+
+
+def _smoothed(contour: np.ndarray) -> np.ndarray:
+    """The outline at four points a pixel, filtered along its length."""
+    closed = np.vstack([contour, contour[:1]])
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
+    n = max(16, int(4 * along[-1]))
+    even = np.arange(n) * along[-1] / n
+    points = np.column_stack([np.interp(even, along, closed[:, k]) for k in (0, 1)])
+    return ndimage.gaussian_filter1d(points, SMOOTHING_PX * n / along[-1], axis=0, mode="wrap")
 
 
 def polygon_moments(polygon: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
