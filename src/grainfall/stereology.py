@@ -23,9 +23,6 @@ from scipy.special import gammainc
 from grainfall.errors import InputError
 
 METHODS = ("adaptive", "tikhonov", "paper", "none")
-Inversion = tuple[
-    np.ndarray, Callable[[np.ndarray], np.ndarray], float
-]  # grid, weights -> f3d, regularisation
 COLUMNS = ["phase", "kind", "r_lo_um", "r_hi_um", "f2d", "f3d", "lower", "upper"]
 
 
@@ -327,11 +324,11 @@ def _tikhonov(radii: np.ndarray, weights: np.ndarray, edges_um: np.ndarray | Non
 def _adaptive(radii: np.ndarray, weights: np.ndarray, edges_um: np.ndarray | None) -> _Inversion:
     """Mixtures of gamma densities by maximum likelihood, averaged over their number.
 
-    A roughness penalty has one width for all sizes: wide enough for the few small sections, it smears a narrow
-    peak. Here every component brings its own width, from below a bin to as wide as its mean, and the number of
-    components, priced by Hannan and Quinn's criterion, takes the place of the penalty. The likelihood is that
-    of the binned sections under the exact kernel. A mixture of gammas comes as close as one likes to any
-    density on positive sizes, so the estimate follows the data as their number grows.
+    A roughness penalty has one width for all sizes: wide enough for the few small sections, it smears a
+    narrow peak. Here every component brings its own width, from below a bin to as wide as its mean, and the
+    number of components, priced by Hannan and Quinn's criterion, takes the place of the penalty. The
+    likelihood is that of the binned sections under the exact kernel. A mixture of gammas comes as close as
+    one likes to any density on positive sizes, so the estimate follows the data as their number grows.
     """
     sieve = _Sieve(radii, weights)
     fits = sieve.fit(sieve.counts(weights))
