@@ -23,9 +23,6 @@ from scipy.special import gammainc
 from grainfall.errors import InputError
 
 METHODS = ("adaptive", "tikhonov", "paper", "none")
-Inversion = tuple[
-    np.ndarray, Callable[[np.ndarray], np.ndarray], float
-]  # grid, weights -> f3d, regularisation
 COLUMNS = ["phase", "kind", "r_lo_um", "r_hi_um", "f2d", "f3d", "lower", "upper"]
 
 
@@ -179,8 +176,8 @@ def unfold(
     edges_um : (m + 1,) array, optional
         Bins of the result, increasing, >= 0, that hold all radii; chosen from the data otherwise.
     bootstrap : int
-        Resamples of the sections behind the 95 % band. The regularisation is held as the data chose it, so
-        the band shows the spread of the estimate, not its bias.
+        Resamples of the sections behind the 95 % band. ``adaptive`` weighs its numbers of components anew for
+        each of them, the other methods hold their regularisation.
     rng : numpy.random.Generator, optional
         Draws the resamples. Without it there is no band: ``lower`` and ``upper`` equal ``f3d``.
 
@@ -211,13 +208,14 @@ def unfold(
         copies = weights * rng.multinomial(n, np.full(n, 1.0 / n), size=bootstrap)
         replicas = [_rebinned(grid, inversion.again(w), edges) for w in copies]
         lower, upper = np.quantile(replicas, [0.025, 0.975], axis=0)
+        lower, upper = np.minimum(lower, f3d), np.maximum(upper, f3d)
     return SizeDistribution(edges, f2d, f3d, lower, upper, method, inversion.regularisation)
 
 
 class _Inversion(NamedTuple):
     edges: np.ndarray
     f3d: np.ndarray
-    again: Callable[[np.ndarray], np.ndarray]  # weights -> f3d with the regularisation held
+    again: Callable[[np.ndarray], np.ndarray]  # weights of a resample -> its f3d
     regularisation: float
 
 
@@ -326,30 +324,34 @@ def _tikhonov(radii: np.ndarray, weights: np.ndarray, edges_um: np.ndarray | Non
 def _adaptive(radii: np.ndarray, weights: np.ndarray, edges_um: np.ndarray | None) -> _Inversion:
     """Mixtures of gamma densities by maximum likelihood, averaged over their number.
 
-    Roughness penalties have one width for all sizes: wide enough for the few small sections, they smear a
+    A roughness penalty has one width for all sizes: wide enough for the few small sections, it smears a
     narrow peak. Here every component brings its own width, from below a bin to as wide as its mean, and the
-    number of components takes the place of the penalty. The likelihood is that of the binned sections under
-    the exact kernel.
+    number of components, priced by Hannan and Quinn's criterion, takes the place of the penalty. The
+    likelihood is that of the binned sections under the exact kernel. A mixture of gammas comes as close as
+    one likes to any density on positive sizes, so the estimate follows the data as their number grows.
     """
     sieve = _Sieve(radii, weights)
     fits = sieve.fit(sieve.counts(weights))
-    criterion = np.array([f.criterion for f in fits])
-    trust = np.exp(-0.5 * (criterion - criterion.min()))
-    kept = trust > 0.01  # of the best one's: the others cost time and change nothing
-    thetas = [f.theta for f, keep in zip(fits, kept, strict=True) if keep]
-    trust = trust[kept] / trust[kept].sum()
 
     def again(w: np.ndarray) -> np.ndarray:
         counts = sieve.counts(w)
-        return sieve.mix([sieve.climb(theta, counts, 15).theta for theta in thetas], trust)
+        climbs = [sieve.climb(fit.theta, counts, 15) for fit in fits]
+        return sieve.mix(climbs, _trust(climbs))
 
-    components = np.array([sieve.components(theta) for theta in thetas])
-    return _Inversion(sieve.edges, sieve.mix(thetas, trust), again, float(trust @ components))
+    trust = _trust(fits)
+    return _Inversion(sieve.edges, sieve.mix(fits, trust), again, float(trust @ np.arange(1, len(fits) + 1)))
 
 
 class _Fit(NamedTuple):
     criterion: float  # Hannan and Quinn's: -2 log likelihood + 2 parameters log log sections
     theta: np.ndarray  # log odds of the k - 1 later components against the first, k log means, k log CVs
+
+
+def _trust(fits: list[_Fit]) -> np.ndarray:
+    """Weights of models by their criterion (Akaike weights)."""
+    criterion = np.array([fit.criterion for fit in fits])
+    trust = np.exp(-0.5 * (criterion - criterion.min()))
+    return trust / trust.sum()
 
 
 class _Sieve:
@@ -411,11 +413,11 @@ class _Sieve:
         """Share of each component's sections in the filled bins, (bins, k)."""
         return self._kernel @ self._numbers(log_mean, log_cv)
 
-    def mix(self, thetas: list[np.ndarray], trust: np.ndarray) -> np.ndarray:
+    def mix(self, fits: list[_Fit], trust: np.ndarray) -> np.ndarray:
         """Number density on ``edges``, averaged over fits."""
         total = np.zeros(len(self._middle))
-        for theta, weight in zip(thetas, trust, strict=True):
-            share, log_mean, log_cv = self._split(theta)
+        for fit, weight in zip(fits, trust, strict=True):
+            share, log_mean, log_cv = self._split(fit.theta)
             numbers = self._numbers(log_mean, log_cv) @ share
             total += weight * numbers / numbers.sum()
         return np.concatenate([[0.0], total]) / np.diff(self.edges)

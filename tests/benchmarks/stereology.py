@@ -6,7 +6,7 @@ of radii by number, in percent of the true mean radius. A row is the median over
 bootstrap interval of that median; "mean of ..." is the mean of a set's medians. The second set shows whether
 what holds for the first carries over.
 
-Run it as ``python tests/benchmarks/stereology.py [--repeats 20] [--output FILE]``.
+Run it as ``python tests/benchmarks/stereology.py [--repeats 20] [--out FILE]``.
 """
 
 from __future__ import annotations
@@ -108,7 +108,8 @@ def saltykov(radii: np.ndarray, bins: int = 20) -> Estimate:
     upper = edges[1:]
     root = np.sqrt(np.maximum(upper[None, :] ** 2 - edges[:, None] ** 2, 0.0))
     numbers = np.linalg.solve(root[:-1] - root[1:], np.histogram(radii, edges)[0].astype(float))
-    return edges, np.maximum(numbers, 0.0)
+    atoms = np.column_stack([upper * (1 - 1e-9), upper]).ravel()
+    return atoms, np.insert(np.maximum(numbers, 0.0), np.arange(1, bins), 0.0)
 
 
 def expectation_maximisation(radii: np.ndarray, bins: int = 20, iterations: int = 2_000) -> Estimate:
@@ -160,7 +161,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Accuracy of the stereological inversion")
     parser.add_argument("--repeats", type=int, default=20)
     parser.add_argument("--methods", nargs="*", default=[*METHODS, "direct"])
-    parser.add_argument("--output", type=Path, default=Path("results/benchmarks/stereology.csv"))
+    parser.add_argument("--out", type=Path, default=Path("results/benchmarks/stereology.csv"))
     arguments = parser.parse_args()
 
     columns = ("method", "distribution", "n", "w1_percent", "lower", "upper")
@@ -191,7 +192,7 @@ def main() -> None:
                     for d, c, lo, hi in zip(names, centre, lower, upper, strict=True)
                 ]
     table = pd.DataFrame(rows)
-    write_table(arguments.output, table.round(3))
+    write_table(arguments.out, table.round(3))
     summary = table[table.distribution.str.startswith("mean of")]
     print(summary.pivot_table("w1_percent", ["distribution", "method"], "n", sort=False).round(1).to_string())
 

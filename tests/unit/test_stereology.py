@@ -128,6 +128,17 @@ def test_weights_act_like_copies():
     np.testing.assert_allclose(weighted.f3d, copied.f3d, atol=1e-9 * copied.f3d.max())
 
 
+def test_weights_undo_a_biased_look():
+    """Sections missed in proportion to their size and weighted by the inverse tell what all of them tell."""
+    rng = np.random.default_rng(11)
+    radii = lognormal_sections(8000, rng)
+    seen = np.clip(1.0 - radii / 150.0, 0.2, 1.0)
+    kept = rng.random(8000) < seen
+    weighted = unfold(radii[kept], 1.0 / seen[kept])
+    assert weighted.mean() == pytest.approx(unfold(radii).mean(), rel=0.02)
+    assert unfold(radii[kept]).mean() < 0.97 * weighted.mean()
+
+
 def test_sections_of_no_weight_are_left_out():
     radii = lognormal_sections(50, np.random.default_rng(6))
     cut = unfold(np.append(radii, 1e4), np.append(np.ones(50), 0.0))
