@@ -41,11 +41,14 @@ class Parameters:
     sleep_speed : float
         Translational speed, engine units / s, below which a body counts as resting.
     sleep_steps : int
-        Consecutive steps at rest after which a body is fixed in place.
+        Consecutive steps at rest after which a body is fixed in place. Fixing early spares steps but also the
+        rearrangement that later grains cause below them: solid fractions of hulls were 0.640(2) with the
+        paper's 0.01 and 300, 0.636(3) with 0.05 and 200 at half the cost, 0.625(3) with 0.05 and 50.
     solver_iterations : int
         Iterations of the contact solver per step.
     hull_vertices : int
-        Most vertices of a grain's convex collision shape.
+        Most vertices of a grain's convex collision shape. Facets lock: rounded grains of 24, 48 and 128
+        vertices packed to 0.625(2), 0.636(3) and 0.644(3).
     contact_offset : float
         Distance, engine units, at which PhysX starts to build a contact (speculative: it does not hold grains
         apart).
@@ -70,7 +73,7 @@ class Parameters:
     sleep_speed: float = 0.05
     sleep_steps: int = 200
     solver_iterations: int = 20
-    hull_vertices: int = 48
+    hull_vertices: int = 64
     contact_offset: float = 0.1
     drop_height: float = 4.0
     batch_layers: float = 0.5
