@@ -3,7 +3,7 @@
     python tests/benchmarks/engines.py [--edge 5] [--seeds 3] [--output results/benchmarks/engines.csv]
 
 Columns: engine, parameters, inertia, seed, n_bodies, wall_s, cpu_s, steps, ms_per_step (cpu), mean_active,
-porosity, max_overlap, mean_overlap, asleep, escaped. Overlaps are of collision shapes, in radii of the smaller grain.
+porosity, max_overlap, mean_overlap, asleep, escaped. Overlaps: collision shapes, smaller radii.
 """
 
 from __future__ import annotations
