@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 
+from grainfall.packing._sapien import load
 from grainfall.packing.engine import Solid
 from grainfall.packing.parameters import Parameters
 
-with warnings.catch_warnings():
-    # sapien looks for a Vulkan loader on import; nothing is rendered here
-    warnings.simplefilter("ignore")
-    import sapien
-    from sapien import physx
+sapien = load()
+physx = sapien.physx
 
 WALLS = (  # a plane keeps bodies on the side its +x axis points to; rotations of that axis, (w, x, y, z)
     ((0, 0, 0), (np.sqrt(0.5), 0, -np.sqrt(0.5), 0)),  # floor, normal +z
