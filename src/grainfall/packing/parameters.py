@@ -41,15 +41,15 @@ class Parameters:
     sleep_speed : float
         Translational speed, engine units / s, below which a body counts as resting.
     sleep_steps : int
-        Consecutive steps at rest after which a body is fixed in place. Fixing early spares steps but also the
-        rearrangement that later grains cause below them: solid fractions of hulls were 0.640(2) with the
+        Consecutive steps at rest after which a body is fixed in place. Fixing early spares steps, and also
+        the rearrangement that later grains cause below them: solid fractions of hulls were 0.640(2) with the
         paper's 0.01 and 300, 0.636(3) with 0.05 and 200 at half the cost, 0.625(3) with 0.05 and 50.
     solver_iterations : int
         Iterations of the contact solver per step.
     hull_vertices : int
         Most vertices of a grain's convex collision shape. Facets lock: rounded grains of 24, 48 and 128
-        vertices packed to 0.625(2), 0.636(3) and 0.644(3). And a coarse hull is not the grain: largest overlaps
-        of the true hulls were 0.09 of the smaller radius at 48 vertices, 0.04 at 96, 0.03 at 160.
+        vertices packed to 0.625(2), 0.636(3) and 0.644(3). And a coarse hull is not the grain: largest
+        overlaps of the true hulls were 0.09 of the smaller radius at 48 vertices, 0.04 at 96, 0.03 at 160.
     contact_offset : float
         Distance, engine units, at which PhysX starts to build a contact (speculative: it does not hold grains
         apart).
