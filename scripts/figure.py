@@ -1,4 +1,4 @@
-"""One figure of one twin, as vector and as PNG."""
+"""One figure of a sample or of one twin, as vector and as PNG."""
 
 from _stage import stage
 
@@ -6,8 +6,7 @@ from grainfall import report
 
 with stage(snakemake):
     origin = snakemake.wildcards
-    figure = report.figure_files("results", origin.sample, origin.variant, int(origin.realization))[
-        origin.figure
-    ]
+    of_twin = (origin.variant, int(origin.realization)) if hasattr(origin, "variant") else ()
+    figure = report.figure_files("results", origin.sample, *of_twin)[origin.figure]
     for path in snakemake.output:
         figure.save(path)

@@ -16,7 +16,7 @@ with stage(snakemake) as progress:
         **settings["morphology"],
     )
     target, first = (
-        stereology.unfold_table(table, rng=rng, method=settings["stereology"]["method"])
+        stereology.unfold_table(table, method=settings["stereology"]["method"], bootstrap=0)
         for table in (io.read_table(files.section_pores), pores)
     )
     sizes, plan = packing.plan_spheres(

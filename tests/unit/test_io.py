@@ -83,3 +83,9 @@ def test_table_floats_survive(tmp_path):
     values = np.random.default_rng(1).random(100) * 10.0 ** np.arange(-50, 50)
     io.write_table(tmp_path / "t.csv", pd.DataFrame({"a": values}))
     np.testing.assert_array_equal(io.read_table(tmp_path / "t.csv").a, values)
+
+
+def test_json_knows_no_nan(tmp_path):
+    content = {"a": np.float32("nan"), "b": [1.5, float("inf")], "c": np.arange(2), "d": {"e": None}}
+    io.write_json(tmp_path / "j.json", content)
+    assert io.read_json(tmp_path / "j.json") == {"a": None, "b": [1.5, None], "c": [0, 1], "d": {"e": None}}

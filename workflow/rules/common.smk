@@ -16,6 +16,7 @@ os.environ["PYTHONPATH"] = os.pathsep.join(
 
 from grainfall import config as sheet
 from grainfall.errors import InputError
+from grainfall.report.texts import TEXTS
 
 import grimp
 
@@ -157,3 +158,8 @@ def timed(*jobs):
     """Benchmark files of a twin's jobs, without those that the cache may have spared."""
     kept = [job for job in jobs if not (CACHING and job in CACHED_JOBS)]
     return expand(f"{TWIN}/benchmarks/{{job}}.tsv", job=kept, allow_missing=True)
+
+
+def figure_caption(wildcards):
+    """The words of a figure, one source for the report and for Snakemake's."""
+    return TEXTS[wildcards.figure].caption

@@ -90,7 +90,7 @@ rule metrics:
     params:
         stream=stream,
         settings=settings("packing", "flow", "correlation"),
-        science=science("report"),
+        science=science("report.tables", "correlation", "network"),
     script:
         "../../scripts/metrics.py"
 
@@ -147,6 +147,36 @@ rule figure:
         mem_mb=3000,
         runtime=10,
     params:
+        caption=figure_caption,
+        science=science("report"),
+    script:
+        "../../scripts/figure.py"
+
+
+rule ensembles_figure:
+    input:
+        summary="results/summary.csv",
+    output:
+        svg=report(
+            f"{SAMPLE}/figures/{{figure}}.svg",
+            category="{sample}",
+            caption="../report/figure.rst",
+            labels={"figure": "{figure}"},
+        ),
+        png=f"{SAMPLE}/figures/{{figure}}.png",
+    log:
+        f"{SAMPLE}/logs/figure_{{figure}}.log",
+    benchmark:
+        f"{SAMPLE}/benchmarks/figure_{{figure}}.tsv"
+    wildcard_constraints:
+        figure="ensembles",
+    conda:
+        ENVS["report"]
+    resources:
+        mem_mb=3000,
+        runtime=10,
+    params:
+        caption=figure_caption,
         science=science("report"),
     script:
         "../../scripts/figure.py"
@@ -165,6 +195,7 @@ rule report_page:
             realization=REALIZATIONS[0],
             figure=FIGURES,
         ),
+        ensembles=expand(f"{SAMPLE}/figures/ensembles.svg", sample=list(SAMPLES)),
         reference_s2=where_referenced("reference_s2.csv"),
     output:
         report(

@@ -17,8 +17,8 @@ MIN_WIDTH = 3
 """Smallest side of a usable mask's bounding box in pixels: thinner ones are lines."""
 
 SMOOTHING_PX = 1.0
-"""Gaussian width along the outline, in pixels: what a mask says of its outline below one pixel is the steps of
-the grid, which as facets and ledges of a 3D grain would roughen every section of it."""
+"""Gaussian width along the outline, in pixels: below one pixel a mask shows the steps of the grid, which as
+facets and ledges of a 3D grain would roughen every section of it."""
 
 _SCAN = 360  # rays per turn for judging a contour; one a degree, about a pixel on a mask of 115 px
 

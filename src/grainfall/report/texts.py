@@ -1,0 +1,93 @@
+"""The words of every figure, in the report and in captions elsewhere."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Text(NamedTuple):
+    """What a figure says: title, category, caption, alternative text, and what to say without it."""
+
+    title: str
+    category: str
+    caption: str
+    alt: str
+    absent: str
+
+
+TEXTS = {
+    "section": Text(
+        "The section",
+        "Section",
+        "The input, and a window of it: every grain outlined (dotted where the image border cuts it: such "
+        "grains leave the size statistics) and the largest circle inscribed in every pore.",
+        "Left: the whole section, minerals in colours. Right: a window with grain outlines and pore circles.",
+        "The section is not there yet.",
+    ),
+    "sizes": Text(
+        "Sizes in 2D and in 3D",
+        "Sizes",
+        "Above: radii seen on the section, and on slices of the twin. Below: radii unfolded to 3D with the "
+        "bootstrap band, the twin's own grains, and the truth where it is known. Number densities; every "
+        "histogram integrates to 1.",
+        "Histograms of grain radii by mineral and of pore-circle radii, on slices above and in 3D below.",
+        "No sizes have been unfolded yet.",
+    ),
+    "gallery": Text(
+        "Grains and their masks",
+        "Grains",
+        "Some of the 3D grains, each beside the three grain sections it was made from, as measured. They "
+        "become its central sections, xy lying, xz and yz standing, once turned and stretched to meet.",
+        "A gallery of shaded 3D grains, each with three outlines of measured grain sections.",
+        "The grain library is not there yet.",
+    ),
+    "packings": Text(
+        "The two packings and the twin",
+        "Packing",
+        "The same vertical slice after the first packing (grains only), after the second (grains and virtual "
+        "spheres), and of the finished twin, spheres removed. Gravity points down.",
+        "Three vertical slices: first packing, second packing with virtual spheres, and the twin.",
+        "The twin is not there yet.",
+    ),
+    "virtual": Text(
+        "Virtual spheres",
+        "Packing",
+        "Left: pore-circle radii unfolded to 3D, of the section and of the first packing. Right: their "
+        "difference, and the part of it that was used as sizes of virtual spheres.",
+        "Histograms of pore-circle radii: target and first packing, their difference, and the sizes used.",
+        "No virtual spheres were called for: the first packing is porous enough.",
+    ),
+    "s2": Text(
+        "Two-point correlation",
+        "Correlation",
+        "Probability that two points a lag apart both lie in the solid. Left: slices of the twin and the "
+        "section. Right: global envelope of slices from all realizations, in windows of the section's size; "
+        "the test asks whether the section could be one of them.",
+        "S2 curves of slices of the twin with the section's curve, and the global envelope around it.",
+        "S₂ has not been computed yet.",
+    ),
+    "network": Text(
+        "Pore network",
+        "Network",
+        "Radii of linked pores and of throats, throats per pore; twin against reference where there is one.",
+        "Histograms of pore radii, throat radii and coordination of the pore network.",
+        "The pore network has not been extracted, or has no pores.",
+    ),
+    "block": Text(
+        "The twin",
+        "Twin",
+        "The finished twin as a block: its top and two of its sides.",
+        "Isometric view of the twin's block, grains coloured by mineral, pores white.",
+        "The twin is not there yet.",
+    ),
+    "ensembles": Text(
+        "Ensembles side by side",
+        "Comparison",
+        "Ticks: single realizations. Dots: means with 95 % t-intervals over realizations. Dashed: target or "
+        "reference.",
+        "Realizations, means and intervals of every variant and engine, one panel a metric; the tables below "
+        "have the numbers.",
+        "One twin only: there is nothing to compare and no interval to give.",
+    ),
+}
+"""The words of every figure, in the report and in captions elsewhere."""
