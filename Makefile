@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 SNAKEMAKE := $(BIN)/snakemake --profile workflow/profiles/local --cores $(CORES)
 IMAGE ?=
 
-.PHONY: demo test lint format thin-section engines report bench-stereology bench-segmentation bench-engines clean
+.PHONY: demo test lint format thin-section engines report bench-stereology bench-segmentation bench-engines bench-creep clean
 
 demo: $(VENV)/.ready  ## the embedded demo, to results/summary.csv and results/report.html
 	$(SNAKEMAKE)
@@ -54,6 +54,9 @@ bench-segmentation: $(VENV)/.ready
 
 bench-engines: $(VENV)/.ready
 	$(BIN)/python tests/benchmarks/engines.py --out results/benchmarks/engines.csv
+
+bench-creep: $(VENV)/.ready
+	$(BIN)/python tests/benchmarks/creep.py --out results/benchmarks/creep.csv
 
 clean:  ## results and caches, not the environment
 	rm -rf .snakemake $(filter-out results/README.md,$(wildcard results/*))

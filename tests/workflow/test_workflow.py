@@ -31,6 +31,7 @@ AFTER_PACKING = {
     "metrics",
     "summary",
     "figure",
+    "ensembles_figure",
     "report_page",
     "all",
 }

@@ -34,7 +34,7 @@ class PhysX:
         physx.set_scene_config(
             gravity=np.array([0, 0, -p.gravity], np.float32),
             bounce_threshold=p.bounce_speed,
-            enable_pcm=True,
+            enable_pcm=p.contact_manifold == "persistent",
             enable_tgs=True,
             enable_ccd=False,
             enable_enhanced_determinism=True,
