@@ -11,6 +11,9 @@ import traceback
 from contextlib import contextmanager
 from pathlib import Path
 
+# Scripts find the science of their own checkout, installed or not.
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "src"))
+
 from grainfall.errors import InputError
 
 

@@ -1,9 +1,9 @@
 """The same grains poured by each engine, paired by seed: time, porosity, overlap.
 
-    python tests/benchmarks/engines.py [--edge 5] [--seeds 3] [--output results/benchmarks/engines.csv]
+    python tests/benchmarks/engines.py [--edge 3.5] [--seeds 3] [--out results/benchmarks/engines.csv]
 
-Columns: engine, parameters, inertia, seed, n_bodies, wall_s, cpu_s, steps, ms_per_step (cpu), mean_active,
-porosity, max_overlap, mean_overlap, asleep, escaped. Overlaps: collision shapes, smaller radii.
+Columns: engine, parameters, inertia, contact_manifold, seed, n_bodies, wall_s, cpu_s, steps, ms_per_step,
+mean_active, porosity, max_overlap, mean_overlap, asleep, escaped. Overlaps: collision shapes, smaller radii.
 """
 
 from __future__ import annotations
@@ -67,6 +67,7 @@ def measure(library: Library, edge: float, seed: int, name: str, **changes: obje
         "engine": parameters.engine,
         "parameters": name,
         "inertia": parameters.inertia,
+        "contact_manifold": parameters.contact_manifold if parameters.engine == "physx" else "",
         "seed": seed,
         "n_bodies": len(bodies),
         "wall_s": report["wall_s"],
@@ -86,9 +87,9 @@ def main() -> None:
     options = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    options.add_argument("--edge", type=float, default=5.0, help="edge of the region, mean diameters")
+    options.add_argument("--edge", type=float, default=3.5, help="edge of the region, mean diameters")
     options.add_argument("--seeds", type=int, default=3)
-    options.add_argument("--output", type=Path, default=Path("results/benchmarks/engines.csv"))
+    options.add_argument("--out", type=Path, default=Path("results/benchmarks/engines.csv"))
     given = options.parse_args()
     library = angular_grains(60, np.random.default_rng(0))
     rows = []
@@ -96,14 +97,19 @@ def main() -> None:
         for name, changes in (
             ("default", {"engine": "physx"}),
             ("default", {"engine": "physx", "inertia": "paper"}),
+            ("default", {"engine": "physx", "contact_manifold": "full"}),
             ("default", {"engine": "bullet"}),
             ("paper", {"engine": "physx"}),
         ):
             rows.append(measure(library, given.edge, seed, name, **changes))
             print(rows[-1], flush=True)
     table = pd.DataFrame(rows)
-    io.write_table(given.output, table)
-    print(table.groupby(["engine", "parameters", "inertia"]).mean(numeric_only=True).T.to_string())
+    io.write_table(given.out, table)
+    print(
+        table.groupby(["engine", "parameters", "inertia", "contact_manifold"])
+        .mean(numeric_only=True)
+        .T.to_string()
+    )
 
 
 if __name__ == "__main__":

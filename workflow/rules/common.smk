@@ -1,7 +1,6 @@
-"""What every rule shares: the validated config, the samples, and the hash of the science a rule uses."""
+"""Common ground: the validated config, the samples, and the hash of the science that jobs use."""
 
 import hashlib
-import os
 import sys
 from pathlib import Path
 
@@ -9,10 +8,6 @@ from snakemake.exceptions import WorkflowError
 
 HOUSE = Path(workflow.basedir)
 sys.path.insert(0, str(HOUSE / "src"))
-# Scripts run in processes of their own and find the science by this path, installed or not.
-os.environ["PYTHONPATH"] = os.pathsep.join(
-    [str(HOUSE / "src"), *filter(None, [os.environ.get("PYTHONPATH")])]
-)
 
 from grainfall import config as sheet
 from grainfall.errors import InputError
@@ -40,8 +35,8 @@ REFERENCED = [
 
 # Folders of results, from the whole to the single twin.
 SAMPLE = "results/{sample}"
-VARIANT = SAMPLE + "/{variant}"
-TWIN = VARIANT + "/{realization}"
+VARIANT = "results/{sample}/{variant}"
+TWIN = "results/{sample}/{variant}/{realization}"
 
 ENVS = {
     group: str(HOUSE / f"envs/{group}.yaml")
