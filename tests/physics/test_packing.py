@@ -1,6 +1,10 @@
 """Grains in a box: physics that is known, and promises that every packing keeps."""
 
+import os
+import subprocess
+import sys
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -8,6 +12,7 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
+import grainfall
 from grainfall.errors import InputError
 from grainfall.packing import Parameters, container, deposit
 from grainfall.packing.engine import Solid, start
@@ -296,3 +301,26 @@ def test_wrong_boxes_and_supplies_are_refused(library):
         deposit(supply(300, 8).iloc[:0], library, box, Parameters(), np.random.default_rng(0))
     with pytest.raises(InputError, match="does not fit"):
         deposit(supply(300, 8, 150.0), library, box, Parameters(), np.random.default_rng(0))
+
+
+def test_physx_loads_on_a_machine_without_x11():
+    """sapien wants libX11 for a renderer that is never used; a server often has none."""
+    program = """
+import ctypes
+real = ctypes.CDLL
+def missing(name, *a, **k):
+    if name == "libX11.so.6":
+        raise OSError("not here")
+    return real(name, *a, **k)
+ctypes.CDLL = missing
+import grainfall.packing.physx as module
+print(module.PhysX.version)
+"""
+    source = Path(grainfall.__file__).parents[1]
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        env={**os.environ, "PYTHONPATH": str(source)},
+        capture_output=True,
+        text=True,
+    )
+    assert "PhysX" in done.stdout, done.stderr

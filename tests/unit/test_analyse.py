@@ -1,0 +1,54 @@
+"""One analysis for a section and for slices of a volume."""
+
+import numpy as np
+import pytest
+
+from grainfall import morphology
+
+
+@pytest.fixture(scope="module")
+def balls():
+    """Well separated balls of two minerals, and the number of each ball."""
+    phase = np.zeros((60, 90, 90), np.uint8)
+    body = np.zeros(phase.shape, np.int32)
+    z, y, x = np.indices(phase.shape)
+    for k, (cy, cx) in enumerate([(22, 22), (22, 66), (66, 22), (66, 66)]):
+        inside = (z - 30) ** 2 + (y - cy) ** 2 + (x - cx) ** 2 < 14**2
+        phase[inside], body[inside] = 1 + k % 2, k + 1
+    return phase, body
+
+
+def test_a_slice_is_measured_as_a_section(balls):
+    phase, _ = balls
+    section = morphology.analyse(np.ascontiguousarray(phase[30]), 2.0)
+    grains, pores = morphology.measure_slices(phase, 2.0, [(0, 30)])
+    assert len(section.grains) == 4
+    assert (grains.r_um.to_numpy() == section.grains.r_um.to_numpy()).all()
+    assert (pores.r_um.to_numpy() == section.pores.r_um.to_numpy()).all()
+    assert grains.phase.value_counts().to_dict() == {1: 2, 2: 2}
+    assert grains.r_um.to_numpy() == pytest.approx(28.0, rel=0.01)
+
+
+def test_slices_are_told_apart(balls):
+    phase, body = balls
+    grains, _ = morphology.measure_slices(phase, 1.0, [(0, 30), (1, 22), (2, 66)], body=body)
+    assert grains.groupby("slice").size().tolist() == [4, 2, 2]
+    assert grains.groupby("slice").axis.first().tolist() == ["z", "y", "x"]
+    assert grains.groupby("slice")["index"].first().tolist() == [30, 22, 66]
+
+
+def test_outlines_keep_touching_grains_apart():
+    """Two halves of one disc cannot be told apart by shape; with their bodies known they are two grains."""
+    y, x = np.indices((50, 50))
+    phase = ((y - 25) ** 2 + (x - 25) ** 2 < 18**2).astype(np.uint8)
+    halves = np.where(x < 25, 1, 2) * phase
+    assert len(morphology.analyse(phase, 1.0).grains) == 1
+    assert len(morphology.analyse(phase, 1.0, instances=halves).grains) == 2
+
+
+def test_summary_counts_every_pixel(balls):
+    phase = np.ascontiguousarray(balls[0][30])
+    summary = morphology.analyse(phase, 1.0).summary(["pore", "a", "b"])
+    assert summary["porosity"] == pytest.approx((phase == 0).mean())
+    assert sum(summary["fractions"]) == pytest.approx(1)
+    assert summary["n_grains"] == 4
