@@ -12,7 +12,7 @@ demo: $(VENV)/.ready  ## the embedded demo, to results/summary.csv and results/r
 	$(SNAKEMAKE)
 
 test: $(VENV)/.ready  ## the whole test suite
-	$(BIN)/python -m pytest -n 2 --dist worksteal tests
+	$(BIN)/python -m pytest -n 2 --dist loadgroup tests
 
 # pip installs into the environment from outside, so it needs neither ensurepip nor a pip of its own.
 $(VENV)/.ready: requirements.lock pyproject.toml
