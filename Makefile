@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 SNAKEMAKE := $(BIN)/snakemake --profile workflow/profiles/local --cores $(CORES)
 IMAGE ?=
 
-.PHONY: demo test lint format thin-section engines report bench-stereology bench-segmentation bench-engines bench-creep clean
+.PHONY: demo test lint format thin-section engines report bench-stereology bench-segmentation bench-engines bench-creep bench-permeability clean
 
 demo: $(VENV)/.ready  ## the embedded demo, to results/summary.csv and results/report.html
 	$(SNAKEMAKE)
@@ -57,6 +57,9 @@ bench-engines: $(VENV)/.ready
 
 bench-creep: $(VENV)/.ready
 	$(BIN)/python tests/benchmarks/creep.py --out results/benchmarks/creep.csv
+
+bench-permeability: $(VENV)/.ready
+	$(BIN)/python tests/benchmarks/permeability.py --out results/benchmarks/permeability.csv
 
 clean:  ## results and caches, not the environment
 	rm -rf .snakemake $(filter-out results/README.md,$(wildcard results/*))
