@@ -56,7 +56,7 @@ bench-engines: $(VENV)/.ready
 	$(BIN)/python tests/benchmarks/engines.py --out results/benchmarks/engines.csv
 
 bench-creep: $(VENV)/.ready
-	$(BIN)/python tests/benchmarks/creep.py --out results/benchmarks/creep.csv
+	$(BIN)/python tests/benchmarks/creep.py --seeds 5 --out results/benchmarks/creep.csv
 
 bench-permeability: $(VENV)/.ready
 	$(BIN)/python tests/benchmarks/permeability.py --out results/benchmarks/permeability.csv

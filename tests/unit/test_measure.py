@@ -27,9 +27,9 @@ def ellipse(shape, centre, axes, angle):
 
 
 @settings(max_examples=25, deadline=None)
-@given(st.floats(24, 60), st.floats(0, 1), st.floats(0, 1), st.floats(0.1, 20))
+@given(st.floats(30, 60), st.floats(0, 1), st.floats(0, 1), st.floats(0.1, 20))
 def test_discs_have_their_radius(radius, dy, dx, pixel):
-    """To 1 %, however unluckily they lie on the grid."""
+    """To 1 %, however unluckily they lie on the grid; a circle's digitisation alone takes up to 0.26 px."""
     edge = int(2 * radius) + 8
     disc = ellipse((edge, edge), (edge / 2 + dy, edge / 2 + dx), (radius, radius), 0)
     grain = measure_grains(split_grains(disc), disc, pixel).iloc[0]

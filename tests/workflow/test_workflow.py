@@ -151,8 +151,11 @@ def test_cache_between_workflows(finished, tmp_path, monkeypatch):
     for packing in packings:
         expected = (finished / packing).read_bytes()
         assert all((tmp_path / user / packing).read_bytes() == expected for user in ("one", "two"))
-    assert (tmp_path / "one/results/tiny/full/0/logs/first_packing.log").exists()
-    assert not (tmp_path / "two/results/tiny/full/0/logs/first_packing.log").exists()
+    worked, spared = (
+        tmp_path / user / "results/tiny/full/0/logs/first_packing.log" for user in ("one", "two")
+    )
+    assert worked.stat().st_size > 0
+    assert not spared.exists() or spared.stat().st_size == 0
 
 
 @pytest.mark.parametrize(

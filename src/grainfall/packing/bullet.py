@@ -36,6 +36,7 @@ class Bullet:
             numSolverIterations=p.solver_iterations,
             numSubSteps=0,
             restitutionVelocityThreshold=p.bounce_speed,
+            contactBreakingThreshold=p.contact_breaking,
             deterministicOverlappingPairs=1,
             physicsClientId=self._client,
         )
