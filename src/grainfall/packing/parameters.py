@@ -46,9 +46,9 @@ class Parameters:
         paper's 0.01 and 300, 0.636(3) with 0.05 and 200 at half the cost, 0.625(3) with 0.05 and 50.
     contact_manifold : {"full", "persistent"}
         How PhysX finds the contact points of two hulls: all of them anew in every step, or a few kept from
-        step to step (as the paper says). Kept ones let a bed of hulls shiver and creep together: 0.7 % of its
-        height in 3,000 steps against 0.2 % (medians of five seeds, ``make bench-creep``), and the demo's grains
-        pour to a porosity of 0.339(7) against 0.362(7) (``make engines``), at half the time.
+        step to step (as the paper says). Kept ones let a bed of hulls shiver and creep together: 0.7 % of
+        its height in 3,000 steps against 0.2 % (medians of five seeds, ``make bench-creep``), and the demo's
+        grains pour to a porosity of 0.339(7) against 0.362(7) (``make engines``), at half the time.
     contact_breaking : float
         Distance, engine units, at which Bullet drops a contact point that it keeps from step to step. At its
         own 0.02, points that no longer touch go on bearing: the demo's grains pour to a porosity higher by
