@@ -125,7 +125,7 @@ def collided(library: Library, shapes: Iterable[int], hull_vertices: int) -> Hul
     simplified = {
         s: collision_shape(library.vertices[s], library.faces[s], hull_vertices) for s in sorted(used)
     }
-    return Hulls({s: shape.frame.apply(shape.points) for s, shape in simplified.items()})
+    return Hulls({s: shape.frame.apply(shape.parts[0]) for s, shape in simplified.items()})
 
 
 def closest_points(bodies: pd.DataFrame, library: Library | Hulls, reach_um: float) -> pd.DataFrame:

@@ -44,7 +44,7 @@ def measure(seed: int, **changes: object) -> dict:
     ]
     for place in places:
         shape, r = shapes[int(rng.integers(40))], rng.uniform(0.8, 1.2)
-        solid = Solid(shape.points * r, shape.bound * r, r**3, shape.inertia * r**5)
+        solid = Solid((shape.parts[0] * r,), shape.bound * r, r**3, shape.inertia * r**5)
         engine.add(solid, np.array(place), random_quaternion(rng), np.array([0.0, 0.0, -1.0]))
     every = np.arange(len(places))
     heights = []

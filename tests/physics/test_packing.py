@@ -138,7 +138,7 @@ def test_sizes_one_to_five_pack_without_deep_overlap(library, engine):
 
 
 def ball(mass=2.6 * 4 / 3 * np.pi):
-    return Solid(None, 1.0, mass, np.full(3, 0.4 * mass))
+    return Solid((), 1.0, mass, np.full(3, 0.4 * mass))
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -217,7 +217,7 @@ def test_exact_inertia_governs_the_spin():
         box = start(Parameters.named(), 40, 40)
         rod = np.array([[x, y, z] for x in (-3, 3) for y in (-0.5, 0.5) for z in (-0.5, 0.5)], float)
         box.add(
-            Solid(rod, 3.1, 10.0, scale * np.array([1.7, 30.0, 30.0])),
+            Solid((rod,), 3.1, 10.0, scale * np.array([1.7, 30.0, 30.0])),
             np.array([20, 20, 4.0]),
             np.array([np.cos(0.3), 0, np.sin(0.3), 0]),
             np.zeros(3),
@@ -256,7 +256,7 @@ def test_collision_shape_has_the_meshs_moments_in_its_principal_frame():
     np.testing.assert_allclose(shape.inertia, wanted, rtol=1e-9)
     assert shape.excess == pytest.approx(0, abs=1e-9)
     # the frame turns collision points back onto the library's (here shifted) box
-    back = shape.frame.apply(shape.points)
+    back = shape.frame.apply(shape.parts[0])
     np.testing.assert_allclose(
         np.sort(back.round(9), axis=0), np.sort(turn.apply(box.vertices).round(9), axis=0), atol=1e-8
     )

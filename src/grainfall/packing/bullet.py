@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import tempfile
+
 import numpy as np
 import pybullet as bullet
+from scipy.spatial import ConvexHull
 
 from grainfall.packing.engine import Solid
 from grainfall.packing.parameters import Parameters
@@ -69,14 +72,16 @@ class Bullet:
         return body
 
     def add(self, solid: Solid, position: np.ndarray, quaternion: np.ndarray, velocity: np.ndarray) -> None:
-        if solid.points is None:
+        if not solid.parts:
             shape = bullet.createCollisionShape(
                 bullet.GEOM_SPHERE, radius=solid.radius, physicsClientId=self._client
             )
-        else:
+        elif len(solid.parts) == 1:
             shape = bullet.createCollisionShape(
-                bullet.GEOM_MESH, vertices=solid.points.tolist(), physicsClientId=self._client
+                bullet.GEOM_MESH, vertices=solid.parts[0].tolist(), physicsClientId=self._client
             )
+        else:
+            shape = self._compound(solid.parts)
         body = self._body(shape, solid.mass, position, quaternion)
         bullet.changeDynamics(
             body,
@@ -91,6 +96,22 @@ class Bullet:
         bullet.resetBaseVelocity(body, [float(c) for c in velocity], [0, 0, 0], physicsClientId=self._client)
         self._bodies.append(body)
         self._shapes.append(shape)
+
+    def _compound(self, parts: tuple[np.ndarray, ...]) -> int:
+        """One shape of several hulls: Bullet takes those from a file only, an object each."""
+        lines, first = [], 1
+        for number, part in enumerate(parts):
+            faces = ConvexHull(part).simplices + first
+            lines.append(f"o part{number}")
+            lines += [f"v {x!r} {y!r} {z!r}" for x, y, z in part.tolist()]
+            lines += [f"f {a} {b} {c}" for a, b, c in faces.tolist()]
+            first += len(part)
+        with tempfile.NamedTemporaryFile("w", suffix=".obj") as file:
+            file.write("\n".join(lines) + "\n")
+            file.flush()
+            return bullet.createCollisionShape(
+                bullet.GEOM_MESH, fileName=file.name, physicsClientId=self._client
+            )
 
     def step(self, n: int) -> None:
         for _ in range(n):

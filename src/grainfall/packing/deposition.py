@@ -336,7 +336,7 @@ class _Deposition:
         mass = self.parameters.density * 4 / 3 * np.pi * r**3
         exact = self.parameters.density * shape.inertia * r**5
         return Solid(
-            points=None if shape.points is None else shape.points * r,
+            parts=tuple(part * r for part in shape.parts),
             radius=self.bound[row],
             mass=mass,
             inertia=exact if self.parameters.inertia == "exact" else np.ones(3),

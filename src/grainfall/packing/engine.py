@@ -16,8 +16,8 @@ class Solid:
 
     Attributes
     ----------
-    points : (n, 3) ndarray or None
-        Vertices of the convex collision shape, centre of mass at the origin; None for a sphere.
+    parts : tuple of (n, 3) ndarray
+        Vertices of the convex pieces of the collision shape, centre of mass at the origin; none for a sphere.
     radius : float
         Radius of the sphere, or of the sphere about the origin that bounds the shape.
     mass : float
@@ -25,7 +25,7 @@ class Solid:
         Principal moments about the frame's axes.
     """
 
-    points: np.ndarray | None
+    parts: tuple[np.ndarray, ...]
     radius: float
     mass: float
     inertia: np.ndarray

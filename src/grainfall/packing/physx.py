@@ -64,16 +64,19 @@ class PhysX:
         entity.set_pose(sapien.Pose(np.asarray(position, np.float32), np.asarray(quaternion, np.float32)))
         self._scene.add_entity(entity)
 
-    def _shape(self, solid: Solid):
-        if solid.points is None:
-            return physx.PhysxCollisionShapeSphere(solid.radius, self._material)
-        return physx.PhysxCollisionShapeConvexMesh(
-            np.asarray(solid.points, np.float32), np.ones(3, np.float32), self._material
-        )
+    def _attach(self, body, solid: Solid) -> None:
+        if not solid.parts:
+            body.attach(physx.PhysxCollisionShapeSphere(solid.radius, self._material))
+        for points in solid.parts:
+            body.attach(
+                physx.PhysxCollisionShapeConvexMesh(
+                    np.asarray(points, np.float32), np.ones(3, np.float32), self._material
+                )
+            )
 
     def add(self, solid: Solid, position: np.ndarray, quaternion: np.ndarray, velocity: np.ndarray) -> None:
         body = physx.PhysxRigidDynamicComponent()
-        body.attach(self._shape(solid))
+        self._attach(body, solid)
         body.set_mass(solid.mass)
         body.set_cmass_local_pose(sapien.Pose())
         body.set_inertia(np.asarray(solid.inertia, np.float32))
@@ -104,7 +107,7 @@ class PhysX:
             pose = body.pose
             self._scene.remove_entity(body.entity)
             static = physx.PhysxRigidStaticComponent()
-            static.attach(self._shape(self._solids[i]))
+            self._attach(static, self._solids[i])
             self._enter(static, pose.p, pose.q)
             self._bodies[i] = None
 

@@ -15,8 +15,8 @@ class CollisionShape:
 
     Attributes
     ----------
-    points : (n, 3) ndarray or None
-        Convex collision vertices in the principal frame, centre of mass of the *mesh* at the origin; None:
+    parts : tuple of (n, 3) ndarray
+        Vertices of the convex pieces in the principal frame, centre of mass of the *mesh* at the origin; none:
         sphere.
     bound : float
         Radius of the bounding sphere about the centre of mass.
@@ -30,7 +30,7 @@ class CollisionShape:
         Largest distance between the support functions of the collision shape and of the mesh's hull.
     """
 
-    points: np.ndarray | None
+    parts: tuple[np.ndarray, ...]
     bound: float
     inertia: np.ndarray
     frame: Rotation
@@ -41,7 +41,7 @@ class CollisionShape:
 def unit_sphere() -> CollisionShape:
     """The sphere of radius 1 (shape id -1)."""
     inertia = np.full(3, 0.4 * 4 * np.pi / 3)
-    return CollisionShape(None, 1.0, inertia, Rotation.identity(), 0.0, 0.0)
+    return CollisionShape((), 1.0, inertia, Rotation.identity(), 0.0, 0.0)
 
 
 def reduce_hull(points: np.ndarray, n: int) -> np.ndarray:
@@ -120,7 +120,7 @@ def collision_shape(vertices: np.ndarray, faces: np.ndarray, hull_vertices: int)
     normals = _directions(400)
     deviation = np.abs((normals @ points.T).max(axis=1) - (normals @ local.T).max(axis=1)).max()
     return CollisionShape(
-        points=points,
+        parts=(points,),
         bound=float(np.linalg.norm(points, axis=1).max()),
         inertia=moments,
         frame=Rotation.from_matrix(axes),
