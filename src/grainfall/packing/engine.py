@@ -17,7 +17,7 @@ class Solid:
     Attributes
     ----------
     parts : tuple of (n, 3) ndarray
-        Vertices of the convex pieces of the collision shape, centre of mass at the origin; none for a sphere.
+        Vertices of the convex pieces of the collision shape, centre of mass at the origin; none: a sphere.
     radius : float
         Radius of the sphere, or of the sphere about the origin that bounds the shape.
     mass : float

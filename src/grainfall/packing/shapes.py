@@ -16,8 +16,8 @@ class CollisionShape:
     Attributes
     ----------
     parts : tuple of (n, 3) ndarray
-        Vertices of the convex pieces in the principal frame, centre of mass of the *mesh* at the origin; none:
-        sphere.
+        Vertices of the convex pieces in the principal frame, centre of mass of the *mesh* at the origin; an
+        empty tuple is a sphere.
     bound : float
         Radius of the bounding sphere about the centre of mass.
     inertia : (3,) ndarray
