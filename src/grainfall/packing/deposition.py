@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 
@@ -13,9 +14,8 @@ from scipy.spatial.transform import Rotation
 from grainfall.errors import InputError
 from grainfall.packing.engine import Solid, start
 from grainfall.packing.parameters import Parameters
-from grainfall.packing.shapes import CollisionShape, collision_shape, unit_sphere
+from grainfall.packing.shapes import SPHERE, collision_shapes
 
-SPHERE = -1
 COLUMNS = ["id", "kind", "phase", "shape", "scale", "x", "y", "z", "qw", "qx", "qy", "qz", "asleep"]
 
 Progress = Callable[[int, int, int, int], None]
@@ -92,8 +92,10 @@ class Report:
 
     ``unit_um`` is one engine length (the mean grain radius), ``unit_s`` what one engine second stands for
     under Earth's gravity; energies are in engine units. Overlaps are of collision shapes, in radii of the
-    smaller grain. ``hull_excess`` is the mean of V_hull / V - 1 over the grains poured,
-    ``hull_deviation`` the mean of the largest distance between collision shape and hull, in grain radii.
+    smaller grain. ``n_spheres``, ``n_hulls`` and ``n_decomposed`` count the grains poured by how they
+    collided. ``hull_excess`` is the mean of V_hull / V - 1 over those with a mesh, ``collision_excess`` the
+    same of the shapes that collided, ``hull_deviation`` the mean of the largest distance between collision
+    shape and hull, in grain radii.
     """
 
     engine: str = ""
@@ -114,7 +116,12 @@ class Report:
     kinetic_energy_end: float = 0.0
     max_overlap: float | None = None
     mean_overlap: float | None = None
+    n_spheres: int = 0
+    n_hulls: int = 0
+    n_decomposed: int = 0
+    decomposition_s: float = 0.0
     hull_excess: float = 0.0
+    collision_excess: float = 0.0
     hull_deviation: float = 0.0
     mean_active: float = 0.0
     notes: list[str] = field(default_factory=list)
@@ -187,7 +194,7 @@ class _Deposition:
         self.shape = population["shape"].to_numpy(int)
         self.radius = population["scale"].to_numpy(float) / self.unit
         self.over = population["over_roi"].to_numpy(bool) if "over_roi" in population else None
-        self.shapes = collision_shapes(library, np.unique(self.shape), parameters.hull_vertices)
+        self.shapes = collision_shapes(library, np.unique(self.shape), parameters)
         self.bound = self.radius * np.array([self.shapes[s].bound for s in self.shape])
         self.sides = np.array(box.sides_um) / self.unit
         if 2 * self.bound.max() >= self.sides.min():
@@ -449,9 +456,15 @@ class _Deposition:
         moving = ~self.fixed
         mass = self.parameters.density * 4 / 3 * np.pi * radius**3
         report.kinetic_energy_end = float(0.5 * (mass * self.speed**2)[moving].sum())
+        kinds = Counter(self.shapes[s].kind for s in self.shape[rows][self.kind[rows] == "grain"])
+        report.n_spheres, report.n_hulls, report.n_decomposed = (
+            kinds[kind] for kind in ("sphere", "hull", "parts")
+        )
+        report.decomposition_s = sum(shape.seconds for shape in self.shapes.values())
         used = [self.shapes[s] for s in self.shape[rows] if s != SPHERE]
         if used:
-            report.hull_excess = float(np.mean([s.excess for s in used]))
+            report.hull_excess = float(np.mean([s.hull_excess for s in used]))
+            report.collision_excess = float(np.mean([s.excess for s in used]))
             report.hull_deviation = float(np.mean([s.deviation for s in used]))
         report.mean_active = self.activity / max(1, self.steps)
         report.wall_s = time.perf_counter() - self.started
@@ -459,16 +472,6 @@ class _Deposition:
 
 FALLING = 1.0
 """Speed, engine units / s, above which a body still falls: that of a fall over a twentieth of a radius."""
-
-
-def collision_shapes(library, ids, hull_vertices: int) -> dict[int, CollisionShape]:
-    """Collision shapes of the library entries ``ids`` (-1: sphere)."""
-    return {
-        int(i): unit_sphere()
-        if i == SPHERE
-        else collision_shape(library.vertices[i], library.faces[i], hull_vertices)
-        for i in ids
-    }
 
 
 def _column_tops(place: np.ndarray, height: np.ndarray, cells: np.ndarray) -> np.ndarray:

@@ -59,6 +59,13 @@ class Parameters:
         Most vertices of a grain's convex collision shape. Facets lock: rounded grains of 24, 48 and 128
         vertices packed to 0.625(2), 0.636(3) and 0.644(3). And a coarse hull is not the grain: largest
         overlaps of the true hulls were 0.09 of the smaller radius at 48 vertices, 0.04 at 96, 0.03 at 160.
+    decomposition : {"auto", "on", "off"}
+        Whether grains collide as several convex parts: where their hull's excess calls for it, all that are
+        not convex, or none.
+    hull_excess : float
+        Volume of the convex hull over the grain's own, minus 1, above which ``auto`` decomposes. What a hull
+        has in excess stays empty and counts as porosity. Decomposed grains of a thin section keep an excess
+        of 0.055 (``decomposition.CONCAVITY``), so a tolerance below that would gain little.
     contact_offset : float
         Distance, engine units, at which PhysX starts to build a contact (speculative: it does not hold grains
         apart).
@@ -86,6 +93,8 @@ class Parameters:
     contact_breaking: float = 0.02
     solver_iterations: int = 20
     hull_vertices: int = 128
+    decomposition: str = "auto"
+    hull_excess: float = 0.1
     contact_offset: float = 0.1
     drop_height: float = 4.0
     batch_layers: float = 0.5
@@ -113,7 +122,7 @@ class Parameters:
                 raise InputError(
                     f"packing.{name}", f"{getattr(self, name)!r} is not positive", "give a number > 0"
                 )
-        for name in ("friction_static", "friction_dynamic", "bounce_speed", "angular_damping"):
+        for name in ("friction_static", "friction_dynamic", "bounce_speed", "angular_damping", "hull_excess"):
             if not getattr(self, name) >= 0:
                 raise InputError(
                     f"packing.{name}", f"{getattr(self, name)!r} is negative", "give a number >= 0"
@@ -161,6 +170,7 @@ CHOICES = {
     "engine": ("physx", "bullet"),
     "inertia": ("exact", "paper"),
     "contact_manifold": ("full", "persistent"),
+    "decomposition": ("auto", "on", "off"),
 }
 
 NAMED: dict[str, dict] = {
