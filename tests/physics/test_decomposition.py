@@ -65,7 +65,7 @@ def test_a_decomposed_l_rests_at_its_height(ell, engine):
     assert len(solid.parts) == 2
     box.add(solid, np.array([5, 5, CENTRE[2] + 0.2]), turn, np.zeros(3))
     box.step(500)
-    assert box.positions([0])[0, 2] == pytest.approx(CENTRE[2], abs=0.01)
+    assert box.state().position[0, 2] == pytest.approx(CENTRE[2], abs=0.01)
     box.close()
 
 
@@ -81,7 +81,7 @@ def test_an_l_nests_over_a_peg_where_its_hull_does_not(ell, engine, decompositio
     notch = np.array([1.5, 0.5, 0.4])
     box.add(solid, at + CENTRE - notch + [0, 0, 0.9], turn, np.zeros(3))
     box.step(500)
-    place = box.positions([1])[0]
+    place = box.state().position[-1]
     nested = np.abs(place - (at + CENTRE - notch)).max() < 0.05
     assert nested == (decomposition == "auto")
     box.close()
@@ -166,7 +166,7 @@ def test_contacts_are_judged_by_the_parts():
     import pandas as pd
 
     corners = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).reshape(3, -1).T.astype(float)
-    parts = Hulls({0: (corners * [1, 1, 2], corners + [1, 0, 1]), 1: ()})
+    parts = Hulls({0: (corners * [1, 1, 2], corners + np.array([1, 0, 1])), 1: ()})
     table = pd.DataFrame({"id": [0, 1], "shape": [0, 1], "scale": [1.0, 0.3], "x": [0, 1.5], "y": [0, 0.5]})
     table = table.assign(z=[0, 0.4], qw=1.0, qx=0.0, qy=0.0, qz=0.0)
     pair = closest_points(table, parts, 1.0).loc[0]
