@@ -1,5 +1,6 @@
-"""Volume: bodies become voxels; porosity, topology and contacts of the result; exports."""
+"""Volume: bodies become voxels; porosity, topology and contacts of the result; cement; exports."""
 
+from grainfall.volume.cement import cement, grow_rims
 from grainfall.volume.correction import correct_porosity
 from grainfall.volume.export import export_metaimage, export_raw, export_vti
 from grainfall.volume.measures import adjacent_pairs, euler_number, porosity
@@ -8,11 +9,13 @@ from grainfall.volume.scan import VIRTUAL, voxelise, voxelise_slabs
 __all__ = [
     "VIRTUAL",
     "adjacent_pairs",
+    "cement",
     "correct_porosity",
     "euler_number",
     "export_metaimage",
     "export_raw",
     "export_vti",
+    "grow_rims",
     "porosity",
     "voxelise",
     "voxelise_slabs",
