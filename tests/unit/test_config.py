@@ -56,7 +56,9 @@ def test_precedence(schema, presets):
 
 def test_bare_on_and_off_are_switches(schema, presets):
     """YAML 1.1 takes them for true and false."""
-    text = "{samples: s.tsv, effects: {cement: on, densification: off}, variants: {a: {effects: {cement: off}}}}"
+    text = (
+        "{samples: s.tsv, effects: {cement: on, densification: off}, variants: {a: {effects: {cement: off}}}}"
+    )
     whole = config.resolve(yaml.safe_load(text), schema, presets)
     assert (whole["effects"]["cement"], whole["effects"]["densification"]) == ("on", "off")
     assert config.variant(whole, "a")["effects"]["cement"] == "off"

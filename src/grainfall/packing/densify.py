@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 FIRST_TAPS = 8
-"""Taps of the first tapped packing; each further one doubles them, since compaction goes with their logarithm."""
+"""Taps of the first tapped packing, doubled in each further one: compaction goes with their logarithm."""
 
 
 def match_density(

@@ -58,8 +58,8 @@ def plan_scene(
     -------
     dict
         shape_zyx, voxel_size_um, edge_um, margin_um, mean_diameter_um, phases, fractions,
-        mean_volumes_um3, probabilities, sizes_from, porosity_target, porosity_source, phase_mixing (on, forced,
-        called_for, reason).
+        mean_volumes_um3, probabilities, sizes_from, porosity_target, porosity_source, phase_mixing
+        (on, forced, called_for, reason).
 
     Raises
     ------

@@ -149,8 +149,8 @@ def plan_deficit(
 
     Spheres are called for by the porosity or by the large pores. Where the spheres that the porosity asks for
     leave room for the large pores too, they have all the radii that the first packing is short of. Where the
-    large pores ask for more than that (vugs in a dense rock), the spheres have the radii of the tail alone and
-    keep their share, and the grains about them must be packed denser.
+    large pores ask for more than that (vugs in a dense rock), the spheres have the radii of the tail alone
+    and keep their share, and the grains about them must be packed denser.
 
     Parameters
     ----------

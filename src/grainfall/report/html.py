@@ -583,7 +583,9 @@ def _view(r: Results) -> dict | None:
     if phase is None or not phase.any():
         return None
     attributes, _ = r.attributes("twin:twin.zarr.zip")
-    return view3d.view_data(phase, float(attributes["voxel_size_um"]), r.twin_phases, _network(r, "twin:network"))
+    return view3d.view_data(
+        phase, float(attributes["voxel_size_um"]), r.twin_phases, _network(r, "twin:network")
+    )
 
 
 def _network(r: Results, stem: str) -> dict | None:

@@ -61,9 +61,9 @@ def correct_porosity(
     bodies : DataFrame
         The grains, moved where the correction was applied.
     report : dict
-        applied, forced, reason, target, limit, scale_factor, passes (voxelisations), wall_s, before and after:
-        porosity, euler (of the pore space, 6-connected), contacts (pairs of grains that share voxel faces),
-        contact_area_um2.
+        applied, forced, reason, target, limit, scale_factor, passes (voxelisations), wall_s, before and
+        after: porosity, euler (of the pore space, 6-connected), contacts (pairs of grains that share voxel
+        faces), contact_area_um2.
 
     Notes
     -----
@@ -73,7 +73,9 @@ def correct_porosity(
     region: the emptied rim outweighs the denser core.
     """
     started = time.perf_counter()
-    grains, report = _corrected(bodies, library, shape, voxel_size_um, target, limit, switch, max_passes, threads)
+    grains, report = _corrected(
+        bodies, library, shape, voxel_size_um, target, limit, switch, max_passes, threads
+    )
     return grains, {**report, "forced": switch != "auto", "wall_s": time.perf_counter() - started}
 
 

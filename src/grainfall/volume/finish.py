@@ -62,7 +62,9 @@ def finish(
     elif left - target <= limit:
         reason = f"porosity {left:.4f} is within {limit:g} of the target {target:.4f}"
     elif not densification["called_for"]:
-        reason = f"porosity {left:.4f} is above the target {target:.4f} by the virtual spheres, not the grains"
+        reason = (
+            f"porosity {left:.4f} is above the target {target:.4f} by the virtual spheres, not the grains"
+        )
     else:
         means = "densification" if densification["on"] else "the packing"
         reason = f"{means} leaves a porosity of {left:.4f}, above the target {target:.4f}"
