@@ -125,3 +125,67 @@ def test_slabs_do_not_show():
     body = np.zeros((40, 12, 12), np.int32)
     body[5, 6, 6], body[20, 2, 2], body[33, 9, 9] = 1, 2, 3
     np.testing.assert_array_equal(_nearest(body, 40, slab=7), _nearest(body, 40, slab=64))
+
+
+# ---- from the packing to the twin
+
+SCENE = {"shape_zyx": [64, 64, 64], "voxel_size_um": 1.0, "phases": ["pore", "quartz", "feldspar"]}
+NEEDED = {"called_for": True, "on": True}
+
+
+def finished(target, densification=NEEDED, **switches):
+    scene = {**SCENE, "porosity_target": target}
+    return volume.finish(
+        lattice()[0], LIBRARY, scene, densification, {"position_scaling": "auto", "cement": "auto"} | switches
+    )
+
+
+PLAIN = 1 - 4 / 3 * np.pi * 10**3 / 32**3
+"""Porosity of the lattice, but for the voxels."""
+
+
+@pytest.mark.parametrize(
+    ("target", "given", "on", "words"),
+    [
+        (0.6, {}, True, "densification leaves a porosity of 0.87"),
+        (0.6, {"densification": {"called_for": True, "on": False}}, True, "the packing leaves a porosity"),
+        (
+            0.6,
+            {"densification": {"called_for": False, "on": False}},
+            False,
+            "the virtual spheres, not",
+        ),
+        (0.6, {"cement": "off"}, False, "switched off in the config, although"),
+        (0.868, {"position_scaling": "off"}, False, "within 0.01"),
+        (0.868, {"position_scaling": "off", "cement": "on"}, True, "forced on in the config, although"),
+        (0.9, {"cement": "on"}, False, "with nothing to do"),
+    ],
+)
+def test_cement_where_densification_fell_short(target, given, on, words):
+    _, phase, _, scaling, rims = finished(target, **given)
+    assert rims["on"] is on
+    assert words in rims["reason"]
+    assert scaling["before"]["porosity"] == pytest.approx(PLAIN, abs=0.002)
+    assert (phase == CEMENT).any() == on
+    if on:
+        assert abs(np.count_nonzero(phase == 0) - target * phase.size) <= 1
+    else:
+        assert abs((phase == 0).mean() - target) > 0.001  # what is called for and off is missed
+
+
+def test_forced_cement_without_a_deficit_changes_nothing():
+    auto, forced = (finished(0.875, cement=switch) for switch in ("auto", "on"))
+    pd.testing.assert_frame_equal(auto[0], forced[0])
+    np.testing.assert_array_equal(auto[1], forced[1])
+    np.testing.assert_array_equal(auto[2], forced[2])
+    assert not forced[4]["on"]
+
+
+def test_a_section_shows_rims_as_the_grains_mineral():
+    bodies, phase, body, *_ = finished(0.6)
+    seen = volume.as_minerals(phase, body, bodies)
+    np.testing.assert_array_equal(seen > 0, phase > 0)
+    np.testing.assert_array_equal(seen[phase < CEMENT], phase[phase < CEMENT])
+    mineral = bodies.set_index("id")["phase"]
+    rim = phase == CEMENT
+    np.testing.assert_array_equal(seen[rim], mineral.loc[body[rim] - 1])
