@@ -5,6 +5,7 @@ from grainfall.packing.deposition import Box, container, deposit
 from grainfall.packing.mixing import Mixture, draw_population, draw_zones, phase_probabilities
 from grainfall.packing.parameters import NAMED, Parameters
 from grainfall.packing.plan import SWITCHES, decide, effects_plan
+from grainfall.packing.rest import settle
 from grainfall.packing.scene import plan_scene
 from grainfall.packing.stages import pack, pack_again, pack_first, parameters_of, plan_deficit
 from grainfall.packing.tail import PoreTail, pore_tail
@@ -34,6 +35,7 @@ __all__ = [
     "plan_deficit",
     "plan_scene",
     "pore_tail",
+    "settle",
     "sphere_probability",
     "virtual_sizes",
 ]

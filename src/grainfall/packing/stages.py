@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import fields
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -14,6 +15,7 @@ from grainfall.packing.deposition import Box, deposit
 from grainfall.packing.mixing import Mixture, draw_zones
 from grainfall.packing.parameters import Parameters
 from grainfall.packing.plan import decide
+from grainfall.packing.rest import settle
 from grainfall.packing.tail import PoreTail
 from grainfall.packing.virtual import (
     THROAT,
@@ -53,6 +55,7 @@ def pack(
     p_sphere: float = 0.0,
     taps: int = 0,
     progress: Callable[[str], None] | None = None,
+    checkpoints: Path | None = None,
 ) -> Packing:
     """Draw the bodies of a scene and pour them.
 
@@ -72,13 +75,15 @@ def pack(
         Times that the settled bed is tapped.
     progress : callable, optional
         Called with a line of text as the bed grows.
+    checkpoints : Path, optional
+        Folder of the states from which a killed packing resumes.
 
     Returns
     -------
     bodies : DataFrame
         Columns of bodies.csv, um from the corner of the region of interest.
     report : dict
-        Content of packing.json.
+        Content of packing.json; ``forces`` are the normal forces between bodies: a, b (ids), force_n.
     """
     mixture = Mixture(
         {n: sizes[n, "grain"] for n in range(1, len(scene["phases"]))},
@@ -94,8 +99,19 @@ def pack(
     def tell(poured: int, settled: int, expected: int, steps: int) -> None:
         progress(f"{settled} of about {expected} bodies settled, {poured} poured, step {steps}")
 
-    bodies = deposit(population, library, box, parameters, rng, tell if progress else None)
-    return bodies, {**bodies.attrs.pop("report"), "p_sp": float(p_sphere)}
+    bodies = deposit(population, library, box, parameters, rng, tell if progress else None, checkpoints)
+    report = {**bodies.attrs.pop("report"), "p_sp": float(p_sphere)}
+    report["forces"] = bodies.attrs.pop("forces")
+    if taps:
+        bodies, tapped = settle(bodies, library, box, parameters, taps=taps, progress=progress)
+        report |= {
+            "rest": {**report["rest"], **{k: tapped[k] for k in report["rest"] if k in tapped}},
+            "forces": tapped["forces"].to_dict("list"),
+            "asleep": int(bodies["asleep"].sum()),
+            "wall_s": report["wall_s"] + tapped["wall_s"],
+            **{k: tapped[k] for k in ("escaped", "max_overlap", "mean_overlap")},
+        }
+    return bodies, report
 
 
 def pack_first(pack_with: Callable[[Parameters], Packing], parameters: Parameters, switch: str) -> Packing:
