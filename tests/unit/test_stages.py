@@ -6,6 +6,7 @@ import pytest
 
 from grainfall import packing, stereology
 from grainfall.errors import InputError
+from grainfall.packing.densify import SLICK
 
 SCENE = {
     "edge_grains": 8.0,
@@ -251,8 +252,8 @@ def test_lubrication_meets_a_target_below_the_first_packing(first):
     assert report["reached"]
     assert report["densification"]["on"]
     assert "below the" in report["densification"]["reason"]
-    assert bed.calls[0] == (0.0, 0.0, 0)
-    assert all(0 <= lubrication <= 1 for _, lubrication, _ in bed.calls)
+    assert bed.calls[0] == (0.0, SLICK, 0)
+    assert all(SLICK <= lubrication <= 1 for _, lubrication, _ in bed.calls)
     assert all(taps == 0 for *_, taps in bed.calls)
 
 
@@ -260,8 +261,8 @@ def test_tapping_where_lubrication_is_not_enough():
     bed = Bed(0.51)
     _, report = bed.second(deficit(0.51)[1])
     assert report["reached"]
-    assert bed.calls[0] == (0.0, 0.0, 0)
-    assert all(lubrication == 0 and taps > 0 for _, lubrication, taps in bed.calls[1:])
+    assert bed.calls[0] == (0.0, SLICK, 0)
+    assert all(lubrication == SLICK and taps > 0 for _, lubrication, taps in bed.calls[1:])
 
 
 def test_a_bed_that_stays_too_loose_is_said_and_is_the_densest():
@@ -270,8 +271,9 @@ def test_a_bed_that_stays_too_loose_is_said_and_is_the_densest():
     bodies, report = bed.second(deficit(0.51)[1])
     assert not report["reached"]
     assert len(bed.calls) == 3
-    assert bed.calls[bodies["call"].iloc[0]] == (0.0, 0.0, 16)
-    assert "lubrication and tapping came to 0.4296" in report["reason"]
+    assert bed.calls[bodies["call"].iloc[0]] == (0.0, SLICK, 16)
+    came_to = bed.porosity(bodies[bodies["kind"] == "grain"])
+    assert f"lubrication and tapping came to {came_to:.4f}" in report["reason"]
 
 
 def test_switched_off_densification_visibly_misses():
