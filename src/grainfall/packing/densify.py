@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 SLICK = 0.1
-"""Least factor on friction. Without any friction grains hardly come to rest while others are poured upon them: a
-bed of 300 took eight times as long as at full friction, for 0.01 of porosity that taps give more cheaply."""
+"""Least factor on friction: without any, grains hardly come to rest while others are poured upon them, and a
+bed of 300 took eight times as long as at full friction."""
 
 FIRST_TAPS = 8
 """Taps of the first tapped packing, doubled in each further one: compaction goes with their logarithm."""
@@ -25,9 +25,9 @@ def match_density(
 
     Friction holds a bed open, so its coefficients are multiplied by a factor in [:data:`SLICK`, 1],
     ``lubrication``. The first pass has as little friction as that: it tells whether lubrication suffices. If
-    so, the factor is bracketed by that pass and the loose packing and found by regula falsi; if not, the slick
-    bed is tapped, more often in each pass. The aim is a quarter of the tolerance above the target, because
-    contracting positions is a gentler correction than pulling grains apart.
+    so, the factor is bracketed by that pass and the loose packing and found by regula falsi; if not, the
+    slick bed is tapped, more often in each pass. The aim is a quarter of the tolerance above the target,
+    because contracting positions is a gentler correction than pulling grains apart.
 
     Parameters
     ----------
