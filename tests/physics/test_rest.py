@@ -15,8 +15,8 @@ BOX = Box((300.0,) * 3, 50.0)
 class NoShapes:
     """Spheres only."""
 
-    vertices: list = []
-    faces: list = []
+    vertices = ()
+    faces = ()
 
 
 def spheres(centres, radius=50.0) -> pd.DataFrame:

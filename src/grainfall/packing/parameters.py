@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 from grainfall.errors import InputError
 
@@ -161,6 +161,18 @@ class Parameters:
                 )
         if not 8 <= self.hull_vertices <= 255:
             raise InputError("packing.hull_vertices", f"{self.hull_vertices!r} is out of range", "8 to 255")
+
+    def lubricated(self, factor: float) -> Parameters:
+        """These with both friction coefficients times ``factor``."""
+        return replace(
+            self,
+            friction_static=factor * self.friction_static,
+            friction_dynamic=factor * self.friction_dynamic,
+        )
+
+    def refined(self) -> Parameters:
+        """These with half the time step and twice the solver iterations."""
+        return replace(self, dt=self.dt / 2, solver_iterations=2 * self.solver_iterations)
 
     @classmethod
     def named(cls, name: str = "default", **overrides: object) -> Parameters:
