@@ -1,6 +1,6 @@
-"""Scenes that are hard on a packing, each in both engines, against the verdict written down before it was run.
+"""Scenes that are hard on a packing, in both engines, against the verdicts written down before they ran.
 
-    python tests/benchmarks/hard_cases.py [--size full] [--only NAME ...] [--out results/benchmarks/hard_cases.csv]
+    python tests/benchmarks/hard_cases.py [--size full] [--only NAME ...] [--engine physx] [--out FILE]
 
 Columns: scene, engine (- where none takes part), expected, verdict (works, refused, fails), overlap (largest,
 collision shapes, radii of the smaller grain), escaped (bodies), asleep (fraction), steps, wall_s.
@@ -17,7 +17,7 @@ import pandas as pd
 from grainfall import io
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "physics"))
-import hard_scenes  # noqa: E402
+import hard_scenes
 
 
 def main() -> None:

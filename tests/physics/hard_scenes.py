@@ -425,7 +425,7 @@ def contrast(scene: dict) -> tuple[dict, list[str]]:
         elif name in ("pore.volume", "pore.surface_area"):
             net[name] = np.zeros(n)
         elif name == "throat.coords":
-            net[name] = net["pore.coords"][:-1] + [spacing / 2, 0, 0]
+            net[name] = net["pore.coords"][:-1] + np.array([spacing / 2, 0, 0])
         elif part == "throat" and name != "throat.conns":
             net[name] = np.full(n - 1, spacing)
     for name in ("boundary", *network.FACES):
@@ -534,7 +534,7 @@ DEGENERATE = {
 
 
 def masked_library(masks: list[np.ndarray], shapes: int, rng: np.random.Generator) -> grains.Library:
-    """The library of a section that shows these masks side by side, by the chapters a section goes through."""
+    """The library of a section that shows these masks side by side, by way of all its chapters."""
     high = max(m.shape[0] for m in masks) + 4
     labels = np.zeros((high, sum(m.shape[1] + 2 for m in masks) + 2), np.int32)
     left = 2
