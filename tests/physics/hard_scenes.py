@@ -82,6 +82,9 @@ class OverBudget(Exception):
 class Audit:
     """Watches every engine that a run starts, from outside: steps taken, energy, finite states.
 
+    Energy only enters with a body and leaves with one that is fixed; what is missing has been dissipated, and
+    none of that comes back. This is stricter than a bound by all that was poured in.
+
     Attributes
     ----------
     budget : int
@@ -89,8 +92,7 @@ class Audit:
     steps : int
         Steps taken.
     excess : float
-        Largest rise of an engine's mechanical energy above its lowest so far and what entered since, over
-        all that entered it.
+        Most that came back of what had been dissipated, over all the energy that entered the engine.
     """
 
     budget: int
@@ -119,9 +121,9 @@ class Watched:
     def __init__(self, engine, gravity: float, audit: Audit):
         self._engine, self._gravity, self._audit = engine, gravity, audit
         self._mass, self._inertia, self._moving = [], [], []
-        self._poured = 0.0
+        self._entered = 0.0
+        self._left = 0.0  # with the bodies that were fixed
         self._dissipated = 0.0
-        self._fixed_energy = 0.0
 
     def __getattr__(self, name):
         return getattr(self._engine, name)
@@ -143,7 +145,7 @@ class Watched:
         self._inertia.append(solid.inertia)
         if not fixed:
             rows = (np.array(a, float)[None] for a in (position, quaternion, velocity, spin))
-            self._poured += self._energy([len(self._mass) - 1], _State(*rows))
+            self._entered += self._energy([len(self._mass) - 1], _State(*rows))
 
     def fix(self, ids) -> None:
         self._look()
@@ -151,7 +153,7 @@ class Watched:
         state = self._engine.state()
         chosen = np.isin(moving, ids)
         parts = (a[chosen] for a in (state.position, state.quaternion, state.velocity, state.spin))
-        self._poured -= self._energy(moving[chosen], _State(*parts))
+        self._left += self._energy(moving[chosen], _State(*parts))
         self._engine.fix(ids)
         for i in ids:
             self._moving[i] = False
@@ -167,10 +169,10 @@ class Watched:
         state = self._engine.state()
         energy = self._energy(np.flatnonzero(self._moving), state)
         self._audit.finite &= bool(np.isfinite(energy))
-        left = self._poured - energy
-        if self._poured > 0:
-            self._audit.excess = max(self._audit.excess, (self._dissipated - left) / self._poured)
-        self._dissipated = max(self._dissipated, left)
+        dissipated = self._entered - self._left - energy
+        if self._entered > 0:
+            self._audit.excess = max(self._audit.excess, (self._dissipated - dissipated) / self._entered)
+        self._dissipated = max(self._dissipated, dissipated)
 
 
 @dataclass
