@@ -36,7 +36,7 @@ def measure(seed: int, **changes: object) -> dict:
     """One bed and its figures."""
     parameters = Parameters.named("default", **changes)
     rng = np.random.default_rng(seed)
-    shapes = collision_shapes(angular_grains(40, rng), range(40), parameters.hull_vertices)
+    shapes = collision_shapes(angular_grains(40, rng), range(40), parameters)
     engine = start(parameters, SIDE, SIDE)
     started = time.process_time()
     places = [
@@ -46,14 +46,13 @@ def measure(seed: int, **changes: object) -> dict:
         shape, r = shapes[int(rng.integers(40))], rng.uniform(0.8, 1.2)
         solid = Solid((shape.parts[0] * r,), shape.bound * r, r**3, shape.inertia * r**5)
         engine.add(solid, np.array(place), random_quaternion(rng), np.array([0.0, 0.0, -1.0]))
-    every = np.arange(len(places))
     heights = []
     for _ in range(12):
         engine.step(500)
-        heights.append(engine.positions(every)[:, 2].mean())
-    before = engine.positions(every)
+        heights.append(engine.state().position[:, 2].mean())
+    before = engine.state().position
     engine.step(500)
-    drift = np.linalg.norm(engine.positions(every) - before, axis=1)
+    drift = np.linalg.norm(engine.state().position - before, axis=1)
     engine.close()
     return {
         "engine": parameters.engine,

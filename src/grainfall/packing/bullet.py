@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Iterable
 
 import numpy as np
 import pybullet as bullet
 from scipy.spatial import ConvexHull
 
-from grainfall.packing.engine import Solid
+from grainfall.packing.engine import WALL, Contacts, Solid, State
 from grainfall.packing.parameters import Parameters
 
 WALLS = (
@@ -44,6 +45,7 @@ class Bullet:
             physicsClientId=self._client,
         )
         self._bodies: list[int] = []
+        self._moving: list[int] = []
         self._shapes: list[int] = []
         for corner, normal in WALLS:
             shape = bullet.createCollisionShape(
@@ -71,31 +73,39 @@ class Bullet:
         )
         return body
 
-    def add(self, solid: Solid, position: np.ndarray, quaternion: np.ndarray, velocity: np.ndarray) -> None:
-        if not solid.parts:
-            shape = bullet.createCollisionShape(
-                bullet.GEOM_SPHERE, radius=solid.radius, physicsClientId=self._client
-            )
-        elif len(solid.parts) == 1:
-            shape = bullet.createCollisionShape(
-                bullet.GEOM_MESH, vertices=solid.parts[0].tolist(), physicsClientId=self._client
-            )
-        else:
-            shape = self._compound(solid.parts)
-        body = self._body(shape, solid.mass, position, quaternion)
+    def add(self, solid, position, quaternion, velocity=(0, 0, 0), spin=(0, 0, 0), fixed=False) -> None:
+        shape = self._shape(solid)
+        body = self._body(shape, 0.0 if fixed else solid.mass, position, quaternion)
+        self._bodies.append(body)
+        self._shapes.append(shape)
+        if fixed:
+            return
+        self._moving.append(len(self._bodies) - 1)
         bullet.changeDynamics(
             body,
             -1,
             mass=solid.mass,
             localInertiaDiagonal=[float(c) for c in solid.inertia],
-            linearDamping=0.0,
+            linearDamping=self._parameters.linear_damping,
             angularDamping=self._parameters.angular_damping,
             activationState=bullet.ACTIVATION_STATE_DISABLE_SLEEPING,
             physicsClientId=self._client,
         )
-        bullet.resetBaseVelocity(body, [float(c) for c in velocity], [0, 0, 0], physicsClientId=self._client)
-        self._bodies.append(body)
-        self._shapes.append(shape)
+        bullet.resetBaseVelocity(
+            body, [float(c) for c in velocity], [float(c) for c in spin], physicsClientId=self._client
+        )
+
+    def _shape(self, solid: Solid) -> int:
+        if not solid.parts:
+            return bullet.createCollisionShape(
+                bullet.GEOM_SPHERE, radius=solid.radius, physicsClientId=self._client
+            )
+        parts = tuple(part * solid.scale for part in solid.parts)
+        if len(parts) > 1:
+            return self._compound(parts)
+        return bullet.createCollisionShape(
+            bullet.GEOM_MESH, vertices=parts[0].tolist(), physicsClientId=self._client
+        )
 
     def _compound(self, parts: tuple[np.ndarray, ...]) -> int:
         """One shape of several hulls: Bullet takes those from a file only, an object each."""
@@ -117,31 +127,47 @@ class Bullet:
         for _ in range(n):
             bullet.stepSimulation(physicsClientId=self._client)
 
-    def positions(self, ids: np.ndarray) -> np.ndarray:
-        rows = [bullet.getBasePositionAndOrientation(self._bodies[i], self._client)[0] for i in ids]
-        return np.array(rows, float).reshape(-1, 3)
+    def state(self) -> State:
+        rows = []
+        for i in self._moving:
+            position, (x, y, z, w) = bullet.getBasePositionAndOrientation(self._bodies[i], self._client)
+            velocity, spin = bullet.getBaseVelocity(self._bodies[i], self._client)
+            rows.append((*position, w, x, y, z, *velocity, *spin))
+        table = np.array(rows, float).reshape(-1, 13)
+        return State(table[:, 0:3], table[:, 3:7], table[:, 7:10], table[:, 10:13])
 
-    def poses(self, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        poses = [bullet.getBasePositionAndOrientation(self._bodies[i], self._client) for i in ids]
-        return (
-            np.array([q[0] for q in poses], float).reshape(-1, 3),
-            np.array([q[1] for q in poses], float).reshape(-1, 4)[:, [3, 0, 1, 2]],
-        )
+    def damp(self, linear: float, angular: float) -> None:
+        for i in self._moving:
+            bullet.changeDynamics(
+                self._bodies[i],
+                -1,
+                linearDamping=linear,
+                angularDamping=angular,
+                physicsClientId=self._client,
+            )
 
-    def fix(self, ids: np.ndarray) -> None:
+    def fix(self, ids: Iterable[int]) -> None:
         for i in ids:
             position, (x, y, z, w) = bullet.getBasePositionAndOrientation(self._bodies[i], self._client)
             bullet.removeBody(self._bodies[i], self._client)
             self._bodies[i] = self._body(self._shapes[i], 0.0, position, (w, x, y, z))
+        gone = set(ids)
+        self._moving = [i for i in self._moving if i not in gone]
 
-    def contacts(self) -> tuple[np.ndarray, np.ndarray]:
+    def contacts(self) -> Contacts:
         number = {body: i for i, body in enumerate(self._bodies)}
-        deepest: dict[tuple[int, int], float] = {}
+        found: dict[tuple[int, int], np.ndarray] = {}
         for point in bullet.getContactPoints(physicsClientId=self._client):
-            a, b = number.get(point[1]), number.get(point[2])
-            if a is not None and b is not None:
-                deepest[a, b] = min(point[8], deepest.get((a, b), np.inf))
-        return np.array(list(deepest), int).reshape(-1, 2), np.array(list(deepest.values()), float)
+            pair = number.get(point[1], WALL), number.get(point[2], WALL)
+            row = found.setdefault(pair, np.array([np.inf, 0, 0, 0, 0]))
+            row[0] = min(row[0], point[8])
+            row[1] += point[9]
+            # the normal points from the second body to the first
+            row[2:] += point[9] * np.array(point[7])
+            row[2:] += point[10] * np.array(point[11]) + point[12] * np.array(point[13])
+        pairs = np.array(list(found), int).reshape(-1, 2)
+        table = np.array(list(found.values()), float).reshape(-1, 5)
+        return Contacts(pairs, table[:, 0], table[:, 1], table[:, 2:], True)
 
     def close(self) -> None:
         bullet.disconnect(self._client)

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from scipy.spatial.transform import Rotation
 
+from grainfall import io
 from grainfall.errors import InputError
-from grainfall.packing.engine import Solid, start
+from grainfall.packing.bed import SPHERE, Bed, Frame, collision_shapes
 from grainfall.packing.parameters import Parameters
-from grainfall.packing.shapes import CollisionShape, collision_shape, unit_sphere
-
-SPHERE = -1
-COLUMNS = ["id", "kind", "phase", "shape", "scale", "x", "y", "z", "qw", "qx", "qy", "qz", "asleep"]
+from grainfall.packing.rest import relax
 
 Progress = Callable[[int, int, int, int], None]
 """Called with (bodies poured, bodies settled, bodies expected in all, simulation steps)."""
@@ -94,6 +94,8 @@ class Report:
     under Earth's gravity; energies are in engine units. Overlaps are of collision shapes, in radii of the
     smaller grain. ``hull_excess`` is the mean of V_hull / V - 1 over the grains poured,
     ``hull_deviation`` the mean of the largest distance between collision shape and hull, in grain radii.
+    ``rest`` is what :func:`grainfall.packing.rest.relax` found when all bodies were set free at the end, and
+    ``settled`` the mean way that took them, in mean grain radii.
     """
 
     engine: str = ""
@@ -111,12 +113,13 @@ class Report:
     surface_um: float = 0.0
     surface_needed_um: float = 0.0
     solid_fraction: float = 0.0
-    kinetic_energy_end: float = 0.0
     max_overlap: float | None = None
     mean_overlap: float | None = None
     hull_excess: float = 0.0
     hull_deviation: float = 0.0
     mean_active: float = 0.0
+    rest: dict = field(default_factory=dict)
+    settled: float = 0.0
     notes: list[str] = field(default_factory=list)
 
 
@@ -127,13 +130,18 @@ def deposit(
     parameters: Parameters,
     rng: np.random.Generator,
     progress: Progress | None = None,
+    checkpoints: Path | None = None,
 ) -> pd.DataFrame:
     """Pour grains into the box and let them settle.
 
     Grains are released in batches, at random positions and orientations, a few radii above the bed. A body
     that stays below ``sleep_speed`` for ``sleep_steps`` consecutive steps (looked at every :data:`LOOK`
     steps) is fixed in place; only the bodies above the fixed bed are simulated, so a step costs the same at
-    any depth. Pouring goes on until the settled surface over the ROI is ``box.margin_um`` above it.
+    any depth. Pouring goes on until the settled surface over the ROI is ``box.margin_um`` above it. Then all
+    bodies are set free together and come to rest once more (:func:`grainfall.packing.rest.relax`).
+
+    Every ``checkpoint_steps`` steps the engine is built anew from the bodies' state, since its caches do not
+    survive a save: a packing that was killed and resumed then has the same bytes as one that was not.
 
     Parameters
     ----------
@@ -148,19 +156,23 @@ def deposit(
     rng : numpy.random.Generator
     progress : callable, optional
         See :data:`Progress`.
+    checkpoints : Path, optional
+        Folder for the state at each checkpoint, under a name that depends on all the arguments: a packing
+        that is found there is resumed. Remove it when the result is safe.
 
     Returns
     -------
     DataFrame
         Columns of bodies.csv; lengths in um from the ROI's corner; every body poured, inside the ROI or not.
-        ``attrs["report"]`` is the deposition's :class:`Report` as a dict.
+        ``attrs["report"]`` is the deposition's :class:`Report` as a dict; ``attrs["forces"]`` the normal
+        forces between bodies at rest, as lists a, b (ids) and force_n.
 
     Raises
     ------
     InputError
         When the population is empty or has a grain that does not fit the box.
     """
-    return _Deposition(population, library, box, parameters, rng, progress).run()
+    return _Deposition(population, library, box, parameters, rng, progress, checkpoints).run()
 
 
 LOOK = 10
@@ -169,79 +181,131 @@ LOOK = 10
 RELEASE_FRACTION = 0.12
 """Bounding-sphere fraction of the zone that a batch is released into: random addition stays easy."""
 
-TRIES = 200
+TRIES, TRIES_AT_ONCE = 200, 20
 """Random places tried for one grain before it waits for the next batch."""
+
+FALLING = 1.0
+"""Speed, engine units / s, above which a body still falls: that of a fall over a twentieth of a radius."""
 
 
 class _Deposition:
-    def __init__(self, population, library, box, parameters, rng, progress):
-        started = time.perf_counter()
-        self.started = started
+    def __init__(self, population, library, box, parameters, rng, progress, checkpoints):
+        self.started = time.perf_counter()
         if not len(population):
             raise InputError("population", "is empty", "draw at least one grain")
         self.box, self.parameters, self.rng, self.progress = box, parameters, rng, progress
         grains = population[population["kind"] == "grain"]
-        self.unit = float((grains if len(grains) else population)["scale"].mean())
-        self.kind = population["kind"].to_numpy()
+        unit = float((grains if len(grains) else population)["scale"].mean())
+        self.kind = population["kind"].to_numpy(object)
         self.phase = population["phase"].to_numpy(int)
         self.shape = population["shape"].to_numpy(int)
-        self.radius = population["scale"].to_numpy(float) / self.unit
+        self.radius = population["scale"].to_numpy(float) / unit
         self.over = population["over_roi"].to_numpy(bool) if "over_roi" in population else None
-        self.shapes = collision_shapes(library, np.unique(self.shape), parameters.hull_vertices)
-        self.bound = self.radius * np.array([self.shapes[s].bound for s in self.shape])
-        self.sides = np.array(box.sides_um) / self.unit
+        shapes = collision_shapes(library, np.unique(self.shape), parameters)
+        self.bound = self.radius * np.array([shapes[s].bound for s in self.shape])
+        self.sides = np.array(box.sides_um) / unit
         if 2 * self.bound.max() >= self.sides.min():
             raise InputError(
                 "population",
-                f"a grain {2 * self.bound.max() * self.unit:.4g} um wide does not fit a box of "
-                f"{self.sides.min() * self.unit:.4g} um",
+                f"a grain {2 * self.bound.max() * unit:.4g} um wide does not fit a box of "
+                f"{self.sides.min() * unit:.4g} um",
                 "enlarge the region of interest",
             )
-        self.margin = box.margin_um / self.unit
-        self.height = box.height_um / self.unit
-        self.engine = start(parameters, *self.sides)
+        self.unit, self.margin, self.height = unit, box.margin_um / unit, box.height_um / unit
+        self.roi = np.array(box.roi_um[:2]) / unit
+        self.bed = Bed(shapes, parameters, self.sides, Frame(unit, box.margin_um))
         self.next = 0  # place in the endless supply
-        self.rows: list[int] = []  # body -> population row
-        self.position = np.empty((0, 3))
-        self.quaternion = np.empty((0, 4))
         self.speed = np.empty(0)
         self.still = np.empty(0, int)  # consecutive steps at rest
-        self.fixed = np.empty(0, bool)
-        self.size = np.empty(0)  # bounding radius
         self.steps = self.idle = self.activity = 0
+        self.poured = False
+        self.notes: list[str] = []
+        self._survey()
+        self.file = None
+        if checkpoints is not None:
+            self.file = Path(checkpoints) / f"{self._fingerprint(population, shapes)}.npz"
 
     def run(self) -> pd.DataFrame:
-        report = Report(
-            engine=self.engine.version,
-            parameters=asdict(self.parameters),
-            unit_um=self.unit,
-            unit_s=(self.unit * 1e-6 * self.parameters.gravity / 9.8) ** 0.5,
-            supply=len(self.kind),
-        )
-        expected = max(1, self._expected())
-        while True:
-            active = np.flatnonzero(~self.fixed)
+        bed = self.bed
+        if self.file is not None and self.file.exists():
+            self._load()
+        bed.start()
+        saved, expected = self.steps, max(1, self._expected())
+        while not self.poured:
+            active = np.flatnonzero(~bed.fixed)
             if self._wanted(active):
                 self._release()
             elif not len(active):
                 break
             self._advance()
             if self.progress:
-                done = int(self.fixed.sum())
-                self.progress(len(self.fixed), done, max(expected, len(self.fixed)), self.steps)
+                done = int(bed.fixed.sum())
+                self.progress(len(bed), done, max(expected, len(bed)), self.steps)
             if self.idle >= self.parameters.max_idle_steps:
-                report.notes.append(
-                    f"ended with {int((~self.fixed).sum())} bodies still moving: none came to rest in "
+                self.notes.append(
+                    f"ended with {int((~bed.fixed).sum())} bodies still moving: none came to rest in "
                     f"{self.idle} steps"
                 )
                 break
-        self._read(np.flatnonzero(~self.fixed), orientations=True)
-        self.engine.close()
-        report.max_overlap, report.mean_overlap = self._overlaps()
-        bodies = self._table()
+            if self.steps - saved >= self.parameters.checkpoint_steps:
+                saved = self.steps
+                self._save()
+                bed.start()
+        if not self.poured:
+            self.poured = True
+            self._save()
+        report = Report(
+            engine=bed.engine.version,
+            parameters=asdict(self.parameters),
+            unit_um=self.unit,
+            unit_s=(self.unit * 1e-6 * self.parameters.gravity / 9.8) ** 0.5,
+            supply=len(self.kind),
+            notes=self.notes,
+        )
+        before = bed.position.copy()
+        report.rest = relax(bed)
+        report.settled = float(np.linalg.norm(bed.position - before, axis=1).mean())
+        asleep, forces = report.rest.pop("asleep_each"), report.rest.pop("forces")
+        report.asleep = int(asleep.sum())
+        report.max_overlap, report.mean_overlap = bed.overlaps()
+        bodies = bed.table(asleep)
         self._describe(report, bodies)
-        bodies.attrs["report"] = asdict(report)
+        bodies.attrs |= {"report": asdict(report), "forces": forces.to_dict("list")}
         return bodies
+
+    # --- checkpoints ------------------------------------------------------------------------------
+
+    def _fingerprint(self, population, shapes) -> str:
+        """A name that tells packings apart by everything that decides them."""
+        digest = hashlib.blake2b(digest_size=12)
+        digest.update(population.to_csv().encode())
+        digest.update(repr((asdict(self.parameters), self.box, self.rng.bit_generator.state)).encode())
+        for shape in shapes.values():
+            for part in (*shape.parts, shape.inertia, shape.frame.as_quat()):
+                digest.update(np.ascontiguousarray(part).tobytes())
+        return digest.hexdigest()
+
+    def _save(self) -> None:
+        if self.file is None:
+            return
+        bed = self.bed
+        plain = {name: getattr(self, name) for name in PLAIN}
+        plain["rng"] = self.rng.bit_generator.state
+        arrays = {name: getattr(bed, name) for name in BODY}
+        arrays |= {"speed": self.speed, "still": self.still, "virtual": bed.kind == "virtual"}
+        io.write_arrays(self.file, arrays | {"plain": np.array(json.dumps(plain))})
+
+    def _load(self) -> None:
+        with np.load(self.file) as found:
+            for name in BODY:
+                setattr(self.bed, name, found[name])
+            self.bed.kind = np.where(found["virtual"], "virtual", "grain").astype(object)
+            self.speed, self.still = found["speed"], found["still"]
+            plain = json.loads(str(found["plain"]))
+        self.rng.bit_generator.state = plain.pop("rng")
+        for name, value in plain.items():
+            setattr(self, name, value)
+        self._survey()
 
     # --- the supply -------------------------------------------------------------------------------
 
@@ -251,28 +315,43 @@ class _Deposition:
 
     def _wanted(self, active: np.ndarray) -> bool:
         """Whether another batch is needed and the zone of release is clear."""
+        bed = self.bed
         if len(active):
             falling = self.speed[active] > FALLING
-            tops = self.position[active, 2] + self.size[active]
-            if (tops[falling] > self._bed() + self.parameters.drop_height).any():
+            tops = bed.position[active, 2] + bed.bound[active]
+            if (tops[falling] > self._top() + self.parameters.drop_height).any():
                 return False
-        in_flight = 4 / 3 * np.pi * (np.array([self.radius[self.rows[i]] for i in active]) ** 3).sum()
-        return self.surface(self.fixed) + in_flight / (0.6 * self.sides.prod()) < self.height
+        in_flight = 4 / 3 * np.pi * (bed.radius[active] ** 3).sum()
+        return self._surface() + in_flight / (0.6 * self.sides.prod()) < self.height
 
-    def _bed(self) -> float:
+    def _survey(self) -> None:
+        """Heights of the fixed bed: tops over the whole box, centres over the ROI (a lone grain's top is not
+        yet a bed)."""
+        self.tops = np.zeros(np.maximum(1, (self.sides / 4).astype(int)))
+        self.centres = np.zeros(np.maximum(1, (self.roi / 4).astype(int)))
+        self._raise(np.flatnonzero(self.bed.fixed))
+
+    def _raise(self, ids: np.ndarray) -> None:
+        bed = self.bed
+        xy, z = bed.position[ids, :2], bed.position[ids, 2]
+        _raise(self.tops, xy / self.sides, z + bed.bound[ids])
+        _raise(self.centres, (xy - self.margin) / self.roi, z)
+
+    def _top(self) -> float:
         """Top of the bed above which grains are released; one high grain does not raise it."""
-        resting = self.fixed | (self.speed <= FALLING)
-        if not resting.any():
-            return 0.0
-        cells = np.maximum(1, (self.sides / 4).astype(int))
-        tops = _column_tops(
-            self.position[resting, :2] / self.sides, self.position[resting, 2] + self.size[resting], cells
-        )
+        bed = self.bed
+        resting = np.flatnonzero(~bed.fixed & (self.speed <= FALLING))
+        tops = self.tops.copy()
+        _raise(tops, bed.position[resting, :2] / self.sides, bed.position[resting, 2] + bed.bound[resting])
         return float(np.quantile(tops, 0.9))
+
+    def _surface(self) -> float:
+        """Height of the fixed bed over the ROI: the lowest tenth of its columns, two mean diameters wide."""
+        return float(np.quantile(self.centres, 0.1))
 
     def _release(self) -> None:
         """Place the next batch at random in the zone of release, without overlap."""
-        p = self.parameters
+        p, bed = self.parameters, self.bed
         batch, volume, bounds = [], 0.0, 0.0
         wanted = p.batch_layers * 2 * self.sides.prod() * 0.6
         while volume < wanted:
@@ -281,175 +360,98 @@ class _Deposition:
             volume += 4 / 3 * np.pi * self.radius[row] ** 3
             bounds += 4 / 3 * np.pi * self.bound[row] ** 3
         depth = max(bounds / (RELEASE_FRACTION * self.sides.prod()), 2.2 * self.bound[batch].max())
-        floor = self._bed() + p.drop_height
-        high = np.flatnonzero(self.position[:, 2] + self.size > floor)
-        places, radii = list(self.position[high]), list(self.size[high])
-        velocity = np.array([0, 0, -2.0 * FALLING])
-        released = []
+        floor = self._top() + p.drop_height
+        high = np.flatnonzero(bed.position[:, 2] + bed.bound > floor)
+        places = np.empty((len(high) + len(batch), 3))
+        radii = np.empty(len(places))
+        places[: len(high)], radii[: len(high)] = bed.position[high], bed.bound[high]
+        n = len(high)
+        rows, quaternions = [], []
         for row in batch:
-            r = self.bound[row]
-            tries = self._places(row, floor, depth)
             quaternion = random_quaternion(self.rng)
-            if places:
-                gaps = np.linalg.norm(tries[:, None] - np.array(places), axis=2) - (np.array(radii) + r)
-                free = np.flatnonzero(gaps.min(axis=1) > p.contact_offset)
-                if not len(free):
-                    break  # it waits for the next batch, first in line
-                place = tries[free[0]]
-            else:
-                place = tries[0]
-            places.append(place)
-            radii.append(r)
-            released.append((row, place, quaternion))
-            self.engine.add(self._solid(row), place, quaternion, velocity)
-        if not released:
+            place = self._place(row, floor, depth, places[:n], radii[:n])
+            if place is None:
+                break  # it waits for the next batch, first in line
+            places[n], radii[n] = place, self.bound[row]
+            n += 1
+            rows.append(row)
+            quaternions.append(quaternion)
+        if not rows:
             return
-        self.next += len(released)
+        velocity = np.tile([0, 0, -2.0 * FALLING], (len(rows), 1))
+        bed.enter(
+            self.kind[rows],
+            self.phase[rows],
+            self.shape[rows],
+            self.radius[rows],
+            places[n - len(rows) : n],
+            np.array(quaternions),
+            velocity,
+        )
+        self.next += len(rows)
         self.idle = 0
-        rows, places, quaternions = zip(*released, strict=True)
-        n = len(rows)
-        self.rows += rows
-        self.position = np.vstack([self.position, places])
-        self.quaternion = np.vstack([self.quaternion, quaternions])
-        self.speed = np.append(self.speed, np.full(n, np.linalg.norm(velocity)))
-        self.still = np.append(self.still, np.zeros(n, int))
-        self.fixed = np.append(self.fixed, np.zeros(n, bool))
-        self.size = np.append(self.size, self.bound[list(rows)])
+        self.speed = np.append(self.speed, np.full(len(rows), 2.0 * FALLING))
+        self.still = np.append(self.still, np.zeros(len(rows), int))
 
-    def _places(self, row: int, floor: float, depth: float) -> np.ndarray:
-        """Random places (n, 3) for one body in the zone of release, over the ROI or around it as it asks."""
+    def _place(self, row: int, floor: float, depth: float, places, radii) -> np.ndarray | None:
+        """A random place for one body in the zone of release, over the ROI or around it as it asks."""
         r = self.bound[row]
         low = np.array([r, r, floor + r])
         room = np.array([*(self.sides - 2 * r), max(depth - 2 * r, 0.0)])
-        roi = np.array(self.box.roi_um[:2]) / self.unit
-        if self.over is None or self.margin <= r:
-            return low + self.rng.random((TRIES, 3)) * room
-        if self.over[row]:
-            low[:2], room[:2] = self.margin, roi
-            return low + self.rng.random((TRIES, 3)) * room
-        tries = low + self.rng.random((4 * TRIES, 3)) * room
-        around = ((tries[:, :2] < self.margin) | (tries[:, :2] > self.margin + roi)).any(axis=1)
-        return tries[around][:TRIES]
-
-    def _solid(self, row: int) -> Solid:
-        shape, r = self.shapes[self.shape[row]], self.radius[row]
-        mass = self.parameters.density * 4 / 3 * np.pi * r**3
-        exact = self.parameters.density * shape.inertia * r**5
-        return Solid(
-            parts=tuple(part * r for part in shape.parts),
-            radius=self.bound[row],
-            mass=mass,
-            inertia=exact if self.parameters.inertia == "exact" else np.ones(3),
-        )
+        zoned = self.over is not None and self.margin > r
+        if zoned and self.over[row]:
+            low[:2], room[:2] = self.margin, self.roi
+        for _ in range(TRIES // TRIES_AT_ONCE):
+            tries = low + self.rng.random((TRIES_AT_ONCE, 3)) * room
+            if zoned and not self.over[row]:
+                around = (tries[:, :2] < self.margin) | (tries[:, :2] > self.margin + self.roi)
+                tries = tries[around.any(axis=1)]
+            square = ((tries[:, None] - places) ** 2).sum(axis=2)
+            free = (square > (radii + r + self.parameters.contact_offset) ** 2).all(axis=1)
+            if free.any():
+                return tries[free.argmax()]
+        return None
 
     # --- the dynamics -----------------------------------------------------------------------------
 
     def _advance(self) -> None:
-        active = np.flatnonzero(~self.fixed)
-        self.engine.step(LOOK)
+        bed = self.bed
+        active = np.flatnonzero(~bed.fixed)
+        before = bed.position[active]
+        bed.engine.step(LOOK)
+        bed.read()
         self.steps += LOOK
         self.idle += LOOK
         self.activity += LOOK * len(active)
-        self._read(active)
+        # The mean velocity since the last look. Solvers leave a jitter of about g dt / 2 in the velocity
+        # itself of bodies that do not move at all.
+        way = np.linalg.norm(bed.position[active] - before, axis=1)
+        self.speed[active] = way / (LOOK * self.parameters.dt)
         resting = self.speed[active] < self.parameters.sleep_speed
         self.still[active] = np.where(resting, self.still[active] + LOOK, 0)
         tired = active[self.still[active] >= self.parameters.sleep_steps]
         if len(tired):
-            self._read(tired, orientations=True)
-            self.engine.fix(tired)
-            self.fixed[tired] = True
+            bed.fix(tired)
+            self._raise(tired)
             self.idle = 0
-
-    def _read(self, ids: np.ndarray, orientations: bool = False) -> None:
-        if orientations:
-            self.position[ids], self.quaternion[ids] = self.engine.poses(ids)
-            return
-        before = self.position[ids]
-        self.position[ids] = self.engine.positions(ids)
-        # The mean velocity since the last look. Solvers leave a jitter of about g dt / 2 in the velocity
-        # itself of bodies that do not move at all.
-        self.speed[ids] = np.linalg.norm(self.position[ids] - before, axis=1) / (LOOK * self.parameters.dt)
-
-    def surface(self, among: np.ndarray) -> float:
-        """Height of the bed over the ROI: the lowest tenth of its columns, two mean diameters wide."""
-        if not among.any():
-            return 0.0
-        roi = np.array(self.box.roi_um[:2]) / self.unit
-        cells = np.maximum(1, (roi / 4).astype(int))
-        # centres: a lone grain's top is not yet a bed
-        tops = _column_tops((self.position[among, :2] - self.margin) / roi, self.position[among, 2], cells)
-        return float(np.quantile(tops, 0.1))
-
-    def _overlaps(self) -> tuple[float, float]:
-        """Largest and mean penetration of touching collision shapes, in radii of the smaller of the two.
-
-        The final poses are given to the engine's own narrow phase as they are, all bodies free, for one step
-        too short to move them.
-        """
-        still = replace(self.parameters, dt=1e-6, gravity=1e-6)
-        engine = start(still, *self.sides)
-        zero = np.zeros(3)
-        for row, place, quaternion in zip(self.rows, self.position, self.quaternion, strict=True):
-            engine.add(self._solid(row), place, quaternion, zero)
-        engine.step(1)
-        pairs, gaps = engine.contacts()
-        engine.close()
-        if not len(gaps):
-            return 0.0, 0.0
-        radius = self.radius[self.rows]
-        depth = np.maximum(-gaps, 0) / radius[pairs].min(axis=1)
-        touching = gaps < 1e-3
-        return float(depth.max()), float(depth[touching].mean()) if touching.any() else 0.0
 
     # --- the result -------------------------------------------------------------------------------
 
-    def _table(self) -> pd.DataFrame:
-        rows = np.array(self.rows)
-        principal = Rotation.from_quat(self.quaternion[:, [1, 2, 3, 0]])
-        frames = Rotation.from_quat(np.array([self.shapes[s].frame.as_quat() for s in self.shape[rows]]))
-        q = (principal * frames.inv()).as_quat()
-        q *= np.where(q[:, 3:] < 0, -1.0, 1.0)
-        origin = self.box.margin_um
-        xyz = self.position * self.unit - origin
-        return pd.DataFrame(
-            {
-                "id": np.arange(len(rows)),
-                "kind": self.kind[rows],
-                "phase": self.phase[rows],
-                "shape": self.shape[rows],
-                "scale": self.radius[rows] * self.unit,
-                "x": xyz[:, 0],
-                "y": xyz[:, 1],
-                "z": xyz[:, 2],
-                "qw": q[:, 3],
-                "qx": q[:, 0],
-                "qy": q[:, 1],
-                "qz": q[:, 2],
-                "asleep": self.fixed,
-            }
-        )[COLUMNS]
-
     def _describe(self, report: Report, bodies: pd.DataFrame) -> None:
-        rows = np.array(self.rows)
-        radius = self.radius[rows]
-        report.poured = len(rows)
-        report.poured_grains = int((self.kind[rows] == "grain").sum())
+        bed = self.bed
+        report.poured = len(bed)
+        report.poured_grains = int((bed.kind == "grain").sum())
         report.supply_rounds = -(-self.next // len(self.kind))
-        report.asleep = int(self.fixed.sum())
-        outside = (self.position[:, :2] < 0) | (self.position[:, :2] > self.sides)
-        report.escaped = int((outside.any(axis=1) | (self.position[:, 2] < 0)).sum())
+        report.escaped = bed.escaped()
         report.steps = self.steps
-        report.surface_um = self.surface(self.fixed) * self.unit - self.box.margin_um
+        bed.fixed[:] = True
+        self._survey()
+        report.surface_um = self._surface() * self.unit - self.box.margin_um
         report.surface_needed_um = self.box.roi_um[2] + self.box.margin_um
-        roi = np.array(self.box.roi_um)
-        within = ((bodies[["x", "y", "z"]].to_numpy() >= 0) & (bodies[["x", "y", "z"]].to_numpy() < roi)).all(
-            axis=1
-        )
+        roi, xyz = np.array(self.box.roi_um), bodies[["x", "y", "z"]].to_numpy()
+        within = ((xyz >= 0) & (xyz < roi)).all(axis=1)
         report.solid_fraction = float(4 / 3 * np.pi * (bodies["scale"][within] ** 3).sum() / roi.prod())
-        moving = ~self.fixed
-        mass = self.parameters.density * 4 / 3 * np.pi * radius**3
-        report.kinetic_energy_end = float(0.5 * (mass * self.speed**2)[moving].sum())
-        used = [self.shapes[s] for s in self.shape[rows] if s != SPHERE]
+        used = [bed.shapes[s] for s in bed.shape if s != SPHERE]
         if used:
             report.hull_excess = float(np.mean([s.excess for s in used]))
             report.hull_deviation = float(np.mean([s.deviation for s in used]))
@@ -457,27 +459,16 @@ class _Deposition:
         report.wall_s = time.perf_counter() - self.started
 
 
-FALLING = 1.0
-"""Speed, engine units / s, above which a body still falls: that of a fall over a twentieth of a radius."""
+PLAIN = ("next", "steps", "idle", "activity", "poured", "notes")
+BODY = ("phase", "shape", "radius", "bound", "position", "quaternion", "velocity", "spin", "fixed")
+"""What a checkpoint holds of the deposition and of each body."""
 
 
-def collision_shapes(library, ids, hull_vertices: int) -> dict[int, CollisionShape]:
-    """Collision shapes of the library entries ``ids`` (-1: sphere)."""
-    return {
-        int(i): unit_sphere()
-        if i == SPHERE
-        else collision_shape(library.vertices[i], library.faces[i], hull_vertices)
-        for i in ids
-    }
-
-
-def _column_tops(place: np.ndarray, height: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """Greatest height in each column of a grid over the unit square; 0 where there is none."""
-    index = np.floor(place * cells).astype(int)
-    inside = ((index >= 0) & (index < cells)).all(axis=1)
-    tops = np.zeros(cells)
+def _raise(tops: np.ndarray, place: np.ndarray, height: np.ndarray) -> None:
+    """Raise the greatest heights in the columns of a grid over the unit square."""
+    index = np.floor(place * tops.shape).astype(int)
+    inside = ((index >= 0) & (index < tops.shape)).all(axis=1)
     np.maximum.at(tops, tuple(index[inside].T), height[inside])
-    return tops
 
 
 def random_quaternion(rng: np.random.Generator) -> np.ndarray:

@@ -9,6 +9,9 @@ import numpy as np
 
 from grainfall.packing.parameters import Parameters
 
+WALL = -1
+"""Body number of the floor and the walls in a contact."""
+
 
 @dataclass(frozen=True)
 class Solid:
@@ -23,12 +26,50 @@ class Solid:
     mass : float
     inertia : (3,) ndarray
         Principal moments about the frame's axes.
+    scale : float
+        What the vertices are multiplied by: bodies of one shape share its vertices.
     """
 
     parts: tuple[np.ndarray, ...]
     radius: float
     mass: float
     inertia: np.ndarray
+    scale: float = 1.0
+
+
+@dataclass(frozen=True)
+class State:
+    """Positions (n, 3), quaternions (n, 4), velocities (n, 3) and angular velocities (n, 3)."""
+
+    position: np.ndarray
+    quaternion: np.ndarray
+    velocity: np.ndarray
+    spin: np.ndarray
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """Pairs of bodies near each other in the last step, engine units.
+
+    Attributes
+    ----------
+    pairs : (n, 2) int
+        Bodies; :data:`WALL` is floor or wall.
+    gap : (n,) float
+        Smallest separation of the collision shapes; negative: depth of penetration.
+    force : (n,) float
+        Normal force, mean over the last step.
+    vector : (n, 3) float
+        Force on the first body. With its friction where :attr:`friction_known`.
+    friction_known : bool
+        PhysX tells normal impulses only.
+    """
+
+    pairs: np.ndarray
+    gap: np.ndarray
+    force: np.ndarray
+    vector: np.ndarray
+    friction_known: bool
 
 
 class Engine(Protocol):
@@ -39,26 +80,31 @@ class Engine(Protocol):
 
     version: str
 
-    def add(self, solid: Solid, position: np.ndarray, quaternion: np.ndarray, velocity: np.ndarray) -> None:
-        """Release a body."""
+    def add(
+        self,
+        solid: Solid,
+        position: np.ndarray,
+        quaternion: np.ndarray,
+        velocity: np.ndarray = (0.0, 0.0, 0.0),
+        spin: np.ndarray = (0.0, 0.0, 0.0),
+        fixed: bool = False,
+    ) -> None:
+        """Release a body, or put it there for good."""
 
     def step(self, n: int) -> None:
         """Advance ``n`` time steps."""
 
-    def positions(self, ids: np.ndarray) -> np.ndarray:
-        """Positions (n, 3) of moving bodies."""
+    def state(self) -> State:
+        """Of the moving bodies, in ascending order of their numbers."""
 
-    def poses(self, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Positions (n, 3) and quaternions (n, 4) of moving bodies."""
+    def damp(self, linear: float, angular: float) -> None:
+        """Let speed and spin of all moving bodies decay at these rates, 1/s, from now on."""
 
     def fix(self, ids: np.ndarray) -> None:
         """Fix moving bodies in place for good: they carry others and cost no more."""
 
-    def contacts(self) -> tuple[np.ndarray, np.ndarray]:
-        """Pairs (n, 2) of moving bodies near each other at the last step's start and their gaps (n,).
-
-        A negative gap is the depth of penetration of the collision shapes.
-        """
+    def contacts(self) -> Contacts:
+        """What touched in the last step."""
 
     def close(self) -> None:
         """Free what the engine holds."""

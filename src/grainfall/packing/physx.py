@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+
 import numpy as np
+import trimesh
 
 from grainfall.packing._sapien import load
-from grainfall.packing.engine import Solid
+from grainfall.packing.engine import WALL, Contacts, Solid, State
 from grainfall.packing.parameters import Parameters
 
 sapien = load()
@@ -51,6 +56,7 @@ class PhysX:
         self._system.timestep = p.dt
         self._material = physx.PhysxMaterial(p.friction_static, p.friction_dynamic, p.restitution)
         self._scene = sapien.Scene([self._system])
+        self._meshes = _Meshes()
         self._solids: list[Solid] = []
         self._bodies: list = []
         for corner, quaternion in WALLS:
@@ -67,23 +73,24 @@ class PhysX:
     def _attach(self, body, solid: Solid) -> None:
         if not solid.parts:
             body.attach(physx.PhysxCollisionShapeSphere(solid.radius, self._material))
+        scale = np.full(3, solid.scale, np.float32)
         for points in solid.parts:
-            body.attach(
-                physx.PhysxCollisionShapeConvexMesh(
-                    np.asarray(points, np.float32), np.ones(3, np.float32), self._material
-                )
-            )
+            file = self._meshes.file(points)
+            body.attach(physx.PhysxCollisionShapeConvexMesh(file, scale, self._material))
 
-    def add(self, solid: Solid, position: np.ndarray, quaternion: np.ndarray, velocity: np.ndarray) -> None:
-        body = physx.PhysxRigidDynamicComponent()
+    def add(self, solid, position, quaternion, velocity=(0, 0, 0), spin=(0, 0, 0), fixed=False) -> None:
+        body = physx.PhysxRigidStaticComponent() if fixed else physx.PhysxRigidDynamicComponent()
         self._attach(body, solid)
-        body.set_mass(solid.mass)
-        body.set_cmass_local_pose(sapien.Pose())
-        body.set_inertia(np.asarray(solid.inertia, np.float32))
-        body.set_linear_damping(0.0)
-        body.set_angular_damping(self._parameters.angular_damping)
+        if not fixed:
+            body.set_mass(solid.mass)
+            body.set_cmass_local_pose(sapien.Pose())
+            body.set_inertia(np.asarray(solid.inertia, np.float32))
+            body.set_linear_damping(self._parameters.linear_damping)
+            body.set_angular_damping(self._parameters.angular_damping)
         self._enter(body, position, quaternion)
-        body.set_linear_velocity(np.asarray(velocity, np.float32))
+        if not fixed:
+            body.set_linear_velocity(np.asarray(velocity, np.float32))
+            body.set_angular_velocity(np.asarray(spin, np.float32))
         self._solids.append(solid)
         self._bodies.append(body)
 
@@ -91,36 +98,62 @@ class PhysX:
         for _ in range(n):
             self._system.step()
 
-    def positions(self, ids: np.ndarray) -> np.ndarray:
-        return np.array([self._bodies[i].pose.p for i in ids], float).reshape(-1, 3)
+    def state(self) -> State:
+        # sapien packs its moving bodies in the order in which they entered
+        rows = np.frombuffer(self._system.pack(), np.float32).reshape(-1, 13).astype(float)
+        return State(rows[:, 4:7], rows[:, 0:4], rows[:, 7:10], rows[:, 10:13])
 
-    def poses(self, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        poses = [self._bodies[i].pose for i in ids]
-        return (
-            np.array([q.p for q in poses], float).reshape(-1, 3),
-            np.array([q.q for q in poses], float).reshape(-1, 4),
-        )
+    def damp(self, linear: float, angular: float) -> None:
+        for body in self._system.rigid_dynamic_components:
+            body.set_linear_damping(linear)
+            body.set_angular_damping(angular)
 
-    def fix(self, ids: np.ndarray) -> None:
+    def fix(self, ids: Iterable[int]) -> None:
         for i in ids:
             body = self._bodies[i]
-            pose = body.pose
+            pose = body.entity_pose
             self._scene.remove_entity(body.entity)
             static = physx.PhysxRigidStaticComponent()
             self._attach(static, self._solids[i])
             self._enter(static, pose.p, pose.q)
-            self._bodies[i] = None
+            self._bodies[i] = static
 
-    def contacts(self) -> tuple[np.ndarray, np.ndarray]:
-        number = {body: i for i, body in enumerate(self._bodies) if body is not None}
-        pairs, gaps = [], []
-        for contact in self._system.get_contacts():
-            pair = [number.get(body) for body in contact.bodies]
-            if None not in pair and contact.points:
-                pairs.append(pair)
-                gaps.append(min(point.separation for point in contact.points))
-        return np.array(pairs, int).reshape(-1, 2), np.array(gaps, float)
+    def contacts(self) -> Contacts:
+        number = {body: i for i, body in enumerate(self._bodies)}
+        rows = [
+            (
+                *(number.get(body, WALL) for body in contact.bodies),
+                min(point.separation for point in contact.points),
+                sum(float(point.impulse @ point.normal) for point in contact.points),
+                *sum(point.impulse for point in contact.points),
+            )
+            for contact in self._system.get_contacts()
+            if contact.points
+        ]
+        table = np.array(rows, float).reshape(-1, 7)
+        table[:, 3:] /= self._system.timestep
+        return Contacts(table[:, :2].astype(int), table[:, 2], table[:, 3], table[:, 4:], False)
 
     def close(self) -> None:
         self._bodies.clear()
         self._scene = self._system = None
+        self._meshes.close()
+
+
+class _Meshes:
+    """Convex meshes as files: PhysX then cooks each shape once, not once a body."""
+
+    def __init__(self):
+        self._folder = tempfile.TemporaryDirectory(prefix="grainfall-")
+        self._known: dict[int, tuple[np.ndarray, str]] = {}
+
+    def file(self, points: np.ndarray) -> str:
+        """Path of the hull of these points; the same array gives the same path."""
+        if id(points) not in self._known:
+            path = Path(self._folder.name) / f"{len(self._known)}.stl"
+            trimesh.convex.convex_hull(points).export(path)
+            self._known[id(points)] = points, str(path)
+        return self._known[id(points)][1]
+
+    def close(self) -> None:
+        self._folder.cleanup()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -34,6 +35,7 @@ def pack(
     spheres: VirtualSizes | None = None,
     p_sphere: float = 0.0,
     progress: Callable[[str], None] | None = None,
+    checkpoints: Path | None = None,
 ) -> tuple[pd.DataFrame, dict]:
     """Draw the bodies of a scene and pour them.
 
@@ -51,13 +53,15 @@ def pack(
         Probability that the next body is one of them.
     progress : callable, optional
         Called with a line of text as the bed grows.
+    checkpoints : Path, optional
+        Folder of the states from which a killed packing resumes.
 
     Returns
     -------
     bodies : DataFrame
         Columns of bodies.csv, um from the corner of the region of interest.
     report : dict
-        Content of packing.json.
+        Content of packing.json; ``forces`` are the normal forces between bodies: a, b (ids), force_n.
     """
     mixture = Mixture(
         {n: sizes[n, "grain"] for n in range(1, len(scene["phases"]))},
@@ -73,8 +77,9 @@ def pack(
     def tell(poured: int, settled: int, expected: int, steps: int) -> None:
         progress(f"{settled} of about {expected} bodies settled, {poured} poured, step {steps}")
 
-    bodies = deposit(population, library, box, parameters, rng, tell if progress else None)
-    return bodies, {**bodies.attrs.pop("report"), "p_sp": float(p_sphere)}
+    bodies = deposit(population, library, box, parameters, rng, tell if progress else None, checkpoints)
+    report = {**bodies.attrs.pop("report"), "p_sp": float(p_sphere)}
+    return bodies, {**report, "forces": bodies.attrs.pop("forces")}
 
 
 def plan_spheres(

@@ -1,0 +1,240 @@
+"""Bodies in a box: their state, the engine that moves them, and what can be said of them at any time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+from scipy.spatial.transform import Rotation
+
+from grainfall.packing.engine import WALL, Contacts, Engine, Solid, start
+from grainfall.packing.parameters import Parameters
+from grainfall.packing.shapes import CollisionShape, collision_shape, unit_sphere
+
+SPHERE = -1
+COLUMNS = ["id", "kind", "phase", "shape", "scale", "x", "y", "z", "qw", "qx", "qy", "qz", "asleep"]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Engine units and micrometres: a length of 1 is ``unit_um``; the ROI's corner is ``margin_um`` from the
+    box's."""
+
+    unit_um: float
+    margin_um: float
+
+
+class Bed:
+    """Bodies in a box, in engine units.
+
+    Attributes
+    ----------
+    kind, phase, shape, radius : (n,) ndarray
+        As in bodies.csv; equal-volume radius.
+    bound : (n,) float
+        Radius of the bounding sphere.
+    position, quaternion, velocity, spin : (n, 3 or 4) float
+        As last read from the engine; quaternions turn the principal frame into the box's.
+    fixed : (n,) bool
+        Out of the dynamics.
+    """
+
+    def __init__(
+        self,
+        shapes: Mapping[int, CollisionShape],
+        parameters: Parameters,
+        sides: np.ndarray,
+        frame: Frame,
+    ):
+        self.shapes, self.parameters, self.sides, self.frame = shapes, parameters, np.asarray(sides), frame
+        self.kind = np.empty(0, object)
+        self.phase, self.shape = np.empty(0, int), np.empty(0, int)
+        self.radius, self.bound = np.empty(0), np.empty(0)
+        self.position, self.velocity, self.spin = np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 3))
+        self.quaternion = np.empty((0, 4))
+        self.fixed = np.empty(0, bool)
+        self.engine: Engine | None = None
+
+    @classmethod
+    def of(cls, bodies: pd.DataFrame, library, box, parameters: Parameters) -> Bed:
+        """The bed of a table of bodies (columns of bodies.csv) in their box."""
+        grains = bodies[bodies["kind"] == "grain"]
+        unit = float((grains if len(grains) else bodies)["scale"].mean())
+        shapes = collision_shapes(library, np.unique(bodies["shape"]), parameters)
+        bed = cls(shapes, parameters, np.array(box.sides_um) / unit, Frame(unit, box.margin_um))
+        frames = Rotation.from_quat([shapes[s].frame.as_quat() for s in bodies["shape"]])
+        lab = Rotation.from_quat(bodies[["qx", "qy", "qz", "qw"]].to_numpy(float))
+        bed.enter(
+            bodies["kind"].to_numpy(object),
+            bodies["phase"].to_numpy(int),
+            bodies["shape"].to_numpy(int),
+            bodies["scale"].to_numpy(float) / unit,
+            (bodies[["x", "y", "z"]].to_numpy(float) + box.margin_um) / unit,
+            (lab * frames).as_quat()[:, [3, 0, 1, 2]],
+        )
+        return bed
+
+    def __len__(self) -> int:
+        return len(self.radius)
+
+    @property
+    def mass(self) -> np.ndarray:
+        """Mass of each body."""
+        return self.parameters.density * 4 / 3 * np.pi * self.radius**3
+
+    # --- in and out of the engine -------------------------------------------------------------------
+
+    def enter(self, kind, phase, shape, radius, position, quaternion, velocity=None) -> None:
+        """Add bodies, moving; into the engine too where one runs."""
+        first, n = len(self), len(radius)
+        velocity = np.zeros((n, 3)) if velocity is None else velocity
+        self.kind = np.append(self.kind, kind)
+        self.phase, self.shape = np.append(self.phase, phase), np.append(self.shape, shape)
+        self.radius = np.append(self.radius, radius)
+        self.bound = np.append(self.bound, np.array([self.shapes[s].bound for s in shape]) * radius)
+        self.position = np.vstack([self.position, position])
+        self.quaternion = np.vstack([self.quaternion, quaternion])
+        self.velocity = np.vstack([self.velocity, velocity])
+        self.spin = np.vstack([self.spin, np.zeros((n, 3))])
+        self.fixed = np.append(self.fixed, np.zeros(n, bool))
+        if self.engine is not None:
+            self._add(self.engine, self.parameters, range(first, first + n))
+
+    def start(self, parameters: Parameters | None = None) -> None:
+        """A new engine with the bodies as they are: no solver cache outlives it."""
+        self.close()
+        self.parameters = parameters or self.parameters
+        self.engine = start(self.parameters, *self.sides)
+        self._add(self.engine, self.parameters, range(len(self)))
+
+    def _add(self, engine: Engine, parameters: Parameters, ids) -> None:
+        for i in ids:
+            engine.add(
+                self.solid(i, parameters),
+                self.position[i],
+                self.quaternion[i],
+                self.velocity[i],
+                self.spin[i],
+                bool(self.fixed[i]),
+            )
+
+    def solid(self, i: int, parameters: Parameters) -> Solid:
+        """Body ``i`` as the engine needs it."""
+        shape, r = self.shapes[self.shape[i]], self.radius[i]
+        exact = parameters.density * shape.inertia * r**5
+        return Solid(
+            parts=shape.parts,
+            radius=self.bound[i],
+            mass=parameters.density * 4 / 3 * np.pi * r**3,
+            inertia=exact if parameters.inertia == "exact" else np.ones(3),
+            scale=r,
+        )
+
+    def read(self) -> None:
+        """Take the moving bodies' state from the engine."""
+        state, moving = self.engine.state(), ~self.fixed
+        self.position[moving], self.quaternion[moving] = state.position, state.quaternion
+        self.velocity[moving], self.spin[moving] = state.velocity, state.spin
+
+    def fix(self, ids: np.ndarray) -> None:
+        """Take moving bodies out of the dynamics where they are."""
+        self.engine.fix(ids)
+        self.fixed[ids] = True
+        self.velocity[ids] = self.spin[ids] = 0.0
+
+    def close(self) -> None:
+        """End the engine."""
+        if self.engine is not None:
+            self.engine.close()
+            self.engine = None
+
+    # --- what can be said of it ---------------------------------------------------------------------
+
+    def energy(self) -> float:
+        """Potential energy above the floor and kinetic energy of all bodies."""
+        turn = Rotation.from_quat(self.quaternion[:, [1, 2, 3, 0]])
+        spin = turn.apply(self.spin, inverse=True) if len(self) else self.spin
+        inertia = np.array([self.shapes[s].inertia for s in self.shape]).reshape(-1, 3)
+        inertia = inertia * self.parameters.density * self.radius[:, None] ** 5
+        speed2 = (self.velocity**2).sum(axis=1)
+        potential = self.mass * self.parameters.gravity * self.position[:, 2]
+        return float((potential + self.mass * speed2 / 2).sum() + (inertia * spin**2).sum() / 2)
+
+    def overlaps(self) -> tuple[float, float]:
+        """Largest and mean penetration of touching collision shapes, in radii of the smaller of the two.
+
+        The poses are given to the engine's own narrow phase as they are, all bodies free, for one step too
+        short to move them.
+        """
+        still = replace(self.parameters, dt=1e-6, gravity=1e-6)
+        engine = start(still, *self.sides)
+        fixed, self.fixed = self.fixed, np.zeros(len(self), bool)
+        velocity, self.velocity = self.velocity, np.zeros_like(self.velocity)
+        spin, self.spin = self.spin, np.zeros_like(self.spin)
+        self._add(engine, still, range(len(self)))
+        self.fixed, self.velocity, self.spin = fixed, velocity, spin
+        engine.step(1)
+        found = engine.contacts()
+        engine.close()
+        bodies = (found.pairs != WALL).all(axis=1)
+        pairs, gaps = found.pairs[bodies], found.gap[bodies]
+        if not len(gaps):
+            return 0.0, 0.0
+        depth = np.maximum(-gaps, 0) / self.radius[pairs].min(axis=1)
+        touching = gaps < 1e-3
+        return float(depth.max()), float(depth[touching].mean()) if touching.any() else 0.0
+
+    def escaped(self) -> int:
+        """Bodies whose centre is outside the walls or below the floor."""
+        outside = (self.position[:, :2] < 0) | (self.position[:, :2] > self.sides)
+        lost = outside.any(axis=1) | (self.position[:, 2] < 0) | ~np.isfinite(self.position).all(axis=1)
+        return int(lost.sum())
+
+    def table(self, asleep: np.ndarray) -> pd.DataFrame:
+        """Columns of bodies.csv, um from the ROI's corner."""
+        principal = Rotation.from_quat(self.quaternion[:, [1, 2, 3, 0]])
+        frames = Rotation.from_quat(np.array([self.shapes[s].frame.as_quat() for s in self.shape]))
+        q = (principal * frames.inv()).as_quat()
+        q *= np.where(q[:, 3:] < 0, -1.0, 1.0)
+        xyz = self.position * self.frame.unit_um - self.frame.margin_um
+        return pd.DataFrame(
+            {
+                "id": np.arange(len(self)),
+                "kind": self.kind,
+                "phase": self.phase,
+                "shape": self.shape,
+                "scale": self.radius * self.frame.unit_um,
+                "x": xyz[:, 0],
+                "y": xyz[:, 1],
+                "z": xyz[:, 2],
+                "qw": q[:, 3],
+                "qx": q[:, 0],
+                "qy": q[:, 1],
+                "qz": q[:, 2],
+                "asleep": asleep,
+            }
+        )[COLUMNS]
+
+    def forces(self, contacts: Contacts) -> pd.DataFrame:
+        """Normal forces between bodies, in newtons for solids of ``density`` g/cm3 under Earth's gravity.
+
+        Columns a < b (ids), force_n.
+        """
+        p, metre = self.parameters, self.frame.unit_um * 1e-6
+        newton = 1e3 * 9.8 * metre**3 / p.gravity  # an engine mass is 1e3 kg/m3 times a cubed unit
+        between = (contacts.pairs != WALL).all(axis=1)
+        a, b = np.sort(contacts.pairs[between], axis=1).T
+        table = pd.DataFrame({"a": a, "b": b, "force_n": contacts.force[between] * newton})
+        return table.groupby(["a", "b"], as_index=False).sum()
+
+
+def collision_shapes(library, ids, parameters: Parameters) -> dict[int, CollisionShape]:
+    """Collision shapes of the library entries ``ids`` (-1: sphere)."""
+    return {
+        int(i): unit_sphere()
+        if i == SPHERE
+        else collision_shape(library.vertices[i], library.faces[i], parameters.hull_vertices)
+        for i in ids
+    }

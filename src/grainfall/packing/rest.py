@@ -1,0 +1,195 @@
+"""Grains set free and left to themselves until they rest: how firm a packing really stands."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+
+from grainfall.packing.bed import Bed
+from grainfall.packing.parameters import Parameters
+
+WINDOW = 300
+"""Steps over which a bed's drift is judged."""
+
+AT_REST = 1e-3
+"""Mean way of a body in a window, mean grain radii, below which a bed rests."""
+
+
+def settle(
+    bodies: pd.DataFrame,
+    library,
+    box,
+    parameters: Parameters,
+    *,
+    windows: int | None = None,
+    taps: int = 0,
+    progress: Callable[[str], None] | None = None,
+) -> tuple[pd.DataFrame, dict]:
+    """All bodies set free where they are, under gravity, until they rest again.
+
+    Parameters
+    ----------
+    bodies : DataFrame
+        Columns of bodies.csv, um from the corner of the region of interest.
+    library : grainfall.grains.Library
+    box : grainfall.packing.Box
+    parameters : Parameters
+    windows : int, optional
+        Most windows of :data:`WINDOW` steps; ``parameters.rest_windows`` if omitted.
+    taps : int
+        Times that the bed is shaken first.
+    progress : callable, optional
+        Called with a line of text.
+
+    Returns
+    -------
+    bodies : DataFrame
+        The same bodies (ids as given) where they came to rest.
+    report : dict
+        As :func:`relax` gives it, with ``moved_mean`` and ``moved_max`` (mean grain radii), ``wall_s``, and
+        ``forces`` (a DataFrame of ids a < b and force_n).
+    """
+    started = time.perf_counter()
+    bed = Bed.of(bodies, library, box, parameters)
+    before = bed.position.copy()
+    for _ in range(taps):
+        shake(bed)
+    report = relax(bed, windows=windows, progress=progress)
+    moved = np.linalg.norm(bed.position - before, axis=1)
+    table = bed.table(report.pop("asleep_each"))
+    table["id"] = bodies["id"].to_numpy()
+    forces = report["forces"]
+    forces[["a", "b"]] = bodies["id"].to_numpy()[forces[["a", "b"]].to_numpy(int)]
+    overlap = bed.overlaps()
+    return table, {
+        **report,
+        "moved_mean": float(moved.mean()) if len(moved) else 0.0,
+        "moved_max": float(moved.max(initial=0.0)),
+        "max_overlap": overlap[0],
+        "mean_overlap": overlap[1],
+        "escaped": bed.escaped(),
+        "wall_s": time.perf_counter() - started,
+    }
+
+
+def relax(bed: Bed, *, windows: int | None = None, progress: Callable[[str], None] | None = None) -> dict:
+    """Let a bed come to rest with all its bodies free, in finer steps than it was poured in.
+
+    A solver's residual velocity is about g dt / 2, so a grain that should rest wanders by a share of
+    g dt^2 / 2 a step: half the step leaves a quarter of that (a tenth of it would drown in single precision).
+    Contact points are found anew in each step, since points kept from step to step let a bed creep, the
+    faster the smaller the step is (``make bench-creep``). Motion is damped while the bed settles, and not in
+    the last window, over which drift, force balance and energy are judged.
+
+    Parameters
+    ----------
+    bed : Bed
+        Left where it came to rest, without an engine.
+    windows : int, optional
+        Most windows of :data:`WINDOW` steps; ``bed.parameters.rest_windows`` if omitted.
+    progress : callable, optional
+
+    Returns
+    -------
+    dict
+        steps; at_rest; drift_mean, drift_p99 and drift_max (way of a body in the last window, mean grain
+        radii); net_force (mean net force on a body over its weight: its momentum gained in the last window);
+        net_force_contacts (the same from the engine's contact forces where those are complete, else None);
+        energy_rise (largest rise of total mechanical energy above its lowest so far, over the total);
+        asleep_each (bool, per body); forces (DataFrame: a, b, force_n).
+    """
+    coarse = bed.parameters
+    fine = replace(coarse, dt=coarse.dt * REFINEMENT, contact_manifold="full")
+    windows = coarse.rest_windows if windows is None else windows
+    bed.fixed[:] = False
+    bed.velocity[:] = bed.spin[:] = 0.0
+    bed.start(fine)
+    energy, done = [bed.energy()], 0
+
+    def window(damping: float) -> np.ndarray:
+        nonlocal done
+        bed.engine.damp(fine.linear_damping + damping / fine.dt, fine.angular_damping + damping / fine.dt)
+        before = bed.position.copy()
+        for _ in range(10):
+            bed.engine.step(WINDOW // 10)
+            bed.read()
+            energy.append(bed.energy())
+        done += 1
+        way = np.linalg.norm(bed.position - before, axis=1)
+        if progress:
+            progress(f"coming to rest, step {done * WINDOW}: mean drift {way.mean():.2g} radii")
+        return way
+
+    while True:
+        while done < windows - 1 and window(DAMPING).mean() > AT_REST / 2:
+            pass
+        velocity = bed.velocity.copy()
+        drift = window(0.0)
+        if drift.mean() < AT_REST or done >= windows:
+            break
+    gained = np.linalg.norm(bed.velocity - velocity, axis=1) / (WINDOW * fine.dt)
+    lowest = np.minimum.accumulate(energy)
+    report = {
+        "steps": done * WINDOW,
+        "at_rest": bool(drift.mean() < AT_REST),
+        "drift_mean": float(drift.mean()),
+        "drift_p99": float(np.quantile(drift, 0.99)),
+        "drift_max": float(drift.max()),
+        "net_force": float(gained.mean() / fine.gravity),
+        "net_force_contacts": None,
+        "energy_rise": float((energy - lowest).max() / abs(energy[-1])),
+        "asleep_each": drift < coarse.sleep_speed * WINDOW * fine.dt,
+    }
+    report |= _balance(bed)
+    bed.close()
+    bed.parameters = coarse
+    return report
+
+
+REFINEMENT = 0.5
+"""Step of the relaxation over that of the pouring."""
+
+DAMPING = 0.02
+"""Share of its speed that a body loses in a step of the relaxation."""
+
+
+def _balance(bed: Bed, steps: int = 20) -> dict:
+    """Contact forces, means over some steps, and how well they carry the grains."""
+    n = len(bed)
+    total, sums, known = np.zeros((n + 1, 3)), [], True
+    for _ in range(steps):
+        bed.engine.step(1)
+        found = bed.engine.contacts()
+        known = found.friction_known
+        np.add.at(total, found.pairs[:, 0], found.vector)
+        np.add.at(total, found.pairs[:, 1], -found.vector)
+        sums.append(bed.forces(found))
+    forces = pd.concat(sums).groupby(["a", "b"], as_index=False)["force_n"].sum()
+    forces["force_n"] /= steps
+    net = total[:n] / steps
+    weight = bed.mass * bed.parameters.gravity
+    net[:, 2] -= weight
+    complete = known or bed.parameters.friction_dynamic == bed.parameters.friction_static == 0
+    share = float((np.linalg.norm(net, axis=1) / weight).mean())
+    return {"forces": forces, "net_force_contacts": share if complete else None}
+
+
+def shake(bed: Bed) -> None:
+    """One tap: the bed is thrown up by a tenth of a mean grain radius and falls back."""
+    bed.fixed[:] = False
+    bed.velocity[:] = bed.spin[:] = 0.0
+    speed = (2 * bed.parameters.gravity * TAP_HEIGHT) ** 0.5
+    bed.velocity[:, 2] = speed
+    bed.start()
+    flight = 2 * speed / bed.parameters.gravity
+    bed.engine.step(int(np.ceil(2 * flight / bed.parameters.dt)) + 50)
+    bed.read()
+    bed.close()
+
+
+TAP_HEIGHT = 0.1
+"""Height of a tap, mean grain radii."""
