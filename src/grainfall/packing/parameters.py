@@ -20,9 +20,10 @@ class Parameters:
     engine : {"physx", "bullet"}
         Rigid-body engine.
     gravity : float
-        Acceleration along -z, engine units / s^2.
+        Acceleration along -z, m / s^2. It sets what an engine second stands for, not the packing: in the
+        engine it is always :data:`GRAVITY`.
     dt : float
-        Time step, s.
+        Time step, engine s; shortened where the smallest grain asks for it, see :meth:`suited`.
     friction_static, friction_dynamic : float
         Coulomb coefficients, grain on grain and grain on wall. Bullet has one coefficient: the dynamic one.
     restitution : float
@@ -35,7 +36,8 @@ class Parameters:
         Rate, 1/s, at which spin decays: the only rolling resistance a sphere has (0.05 is PhysX's own
         default).
     density : float
-        Solid density, mass per cubed engine unit. It scales forces, not the packing.
+        Solid density, mass per cubed engine unit, of bodies that have none of their own. It scales forces,
+        not the packing.
     inertia : {"exact", "paper"}
         ``exact``: the mesh's own principal moments; ``paper``: the diagonal (1, 1, 1) for every grain
         whatever its size, which makes a mean grain spin about four times too easily and a small one hardly at
@@ -152,6 +154,20 @@ class Parameters:
         if not 8 <= self.hull_vertices <= 255:
             raise InputError("packing.hull_vertices", f"{self.hull_vertices!r} is out of range", "8 to 255")
 
+    def suited(self, smallest: float) -> Parameters:
+        """The same packing in numbers that suit grains as small as ``smallest`` (mean grain radii).
+
+        Gravity is :data:`GRAVITY`; the step is at most :data:`LONGEST_STEP` of the time in which the smallest
+        grain falls its own radius, sqrt(R / g) but for a factor. Numbers of steps that stand for a time are
+        those of the default step, and more of shorter ones.
+        """
+        dt = min(self.dt, LONGEST_STEP * (smallest / GRAVITY) ** 0.5)
+        more = max(1.0, type(self).dt / dt)
+        counts = ("sleep_steps", "max_idle_steps", "rest_windows")
+        return replace(
+            self, gravity=GRAVITY, dt=dt, **{name: round(more * getattr(self, name)) for name in counts}
+        )
+
     @classmethod
     def named(cls, name: str = "default", **overrides: object) -> Parameters:
         """A named set, with single values replaced.
@@ -178,6 +194,12 @@ class Parameters:
                 )
         return replace(cls(**NAMED[name]), **overrides)
 
+
+GRAVITY = 9.8
+"""Acceleration in the engine, engine units / s^2: under another, rigid grains do the same in another time."""
+
+LONGEST_STEP = 0.08
+"""Longest time step over sqrt(R / g) of the smallest grain."""
 
 CHOICES = {
     "engine": ("physx", "bullet"),
