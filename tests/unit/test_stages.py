@@ -146,7 +146,8 @@ def test_second_packing_repeats_until_the_porosity_fits():
 
 
 def test_plan_gives_a_reason_for_every_effect():
-    first = {"hull_excess": 0.03, "poured": 9, "engine": "PhysX", "steps": 7}
+    shapes = {"hull_excess": 0.12, "collision_excess": 0.06, "n_spheres": 0, "n_hulls": 4, "n_decomposed": 5}
+    first = {**shapes, "poured": 9, "engine": "PhysX", "steps": 7}
     _, virtual = spheres(0.45)
     correction = {"applied": False, "reason": "target not reachable"}
     plan = packing.effects_plan(scene(), first, virtual, first, correction, {"first_packing": 1.5})

@@ -12,9 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from grainfall.packing.engine import WALL, Contacts, Engine, Solid, start
 from grainfall.packing.parameters import Parameters
-from grainfall.packing.shapes import CollisionShape, collision_shape, unit_sphere
+from grainfall.packing.shapes import CollisionShape, collision_shapes
 
-SPHERE = -1
 COLUMNS = ["id", "kind", "phase", "shape", "scale", "x", "y", "z", "qw", "qx", "qy", "qz", "asleep"]
 
 
@@ -67,8 +66,12 @@ class Bed:
         unit = float((grains if len(grains) else bodies)["scale"].mean())
         shapes = collision_shapes(library, np.unique(bodies["shape"]), parameters)
         radius = in_units(bodies["scale"], unit)
+        contrast = bodies["density"].max() / bodies["density"].min() if "density" in bodies else 1.0
         bed = cls(
-            shapes, parameters.suited(radius.min()), in_units(box.sides_um, unit), Frame(unit, box.margin_um)
+            shapes,
+            parameters.suited(radius.min(), contrast),
+            in_units(box.sides_um, unit),
+            Frame(unit, box.margin_um),
         )
         frames = Rotation.from_quat([shapes[s].frame.as_quat() for s in bodies["shape"]])
         lab = Rotation.from_quat(bodies[["qx", "qy", "qz", "qw"]].to_numpy(float))
@@ -260,13 +263,3 @@ class Bed:
 def in_units(length_um, unit_um: float) -> np.ndarray:
     """Lengths over the unit, without the division's noise: a scene in other units is the same bytes."""
     return np.round(np.asarray(length_um, float) / unit_um, 12)
-
-
-def collision_shapes(library, ids, parameters: Parameters) -> dict[int, CollisionShape]:
-    """Collision shapes of the library entries ``ids`` (-1: sphere)."""
-    return {
-        int(i): unit_sphere()
-        if i == SPHERE
-        else collision_shape(library.vertices[i], library.faces[i], parameters.hull_vertices)
-        for i in ids
-    }

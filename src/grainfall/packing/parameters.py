@@ -63,6 +63,13 @@ class Parameters:
         vertices packed to 0.625(2), 0.636(3) and 0.644(3). And a coarse hull is not the grain: largest
         overlaps of the true hulls were 0.09 of the smaller radius at 48 vertices, 0.04 at 96, 0.03 at 160. A
         step costs about as the number of vertices.
+    decomposition : {"auto", "on", "off"}
+        Whether grains collide as several convex parts: where their hull's excess calls for it, all that are
+        not convex, or none.
+    hull_excess : float
+        Volume of the convex hull over the grain's own, minus 1, above which ``auto`` decomposes. What a hull
+        has in excess stays empty and counts as porosity. Decomposed grains of a thin section keep an excess
+        of 0.055 (``decomposition.CONCAVITY``), so a tolerance below that would gain little.
     contact_offset : float
         Distance, engine units, at which PhysX starts to build a contact (speculative: it does not hold grains
         apart).
@@ -95,6 +102,8 @@ class Parameters:
     contact_breaking: float = 0.02
     solver_iterations: int = 20
     hull_vertices: int = 64
+    decomposition: str = "auto"
+    hull_excess: float = 0.1
     contact_offset: float = 0.1
     drop_height: float = 4.0
     batch_layers: float = 0.5
@@ -130,6 +139,7 @@ class Parameters:
             "bounce_speed",
             "linear_damping",
             "angular_damping",
+            "hull_excess",
         ):
             if not getattr(self, name) >= 0:
                 raise InputError(
@@ -154,18 +164,30 @@ class Parameters:
         if not 8 <= self.hull_vertices <= 255:
             raise InputError("packing.hull_vertices", f"{self.hull_vertices!r} is out of range", "8 to 255")
 
-    def suited(self, smallest: float) -> Parameters:
-        """The same packing in numbers that suit grains as small as ``smallest`` (mean grain radii).
+    def suited(self, smallest: float, contrast: float = 1.0) -> Parameters:
+        """The same packing in numbers that suit its grains.
 
         Gravity is :data:`GRAVITY`; the step is at most :data:`LONGEST_STEP` of the time in which the smallest
         grain falls its own radius, sqrt(R / g) but for a factor. Numbers of steps that stand for a time are
-        those of the default step, and more of shorter ones.
+        those of the default step, and more of shorter ones. Iterations rise with the contrast of density, since
+        a light grain under a heavy one learns of its load a little at a time.
+
+        Parameters
+        ----------
+        smallest : float
+            Least grain radius, mean grain radii.
+        contrast : float
+            Greatest density over the least.
         """
         dt = min(self.dt, LONGEST_STEP * (smallest / GRAVITY) ** 0.5)
         more = max(1.0, type(self).dt / dt)
         counts = ("sleep_steps", "max_idle_steps", "rest_windows")
         return replace(
-            self, gravity=GRAVITY, dt=dt, **{name: round(more * getattr(self, name)) for name in counts}
+            self,
+            gravity=GRAVITY,
+            dt=dt,
+            solver_iterations=round(self.solver_iterations * contrast**0.5),
+            **{name: round(more * getattr(self, name)) for name in counts},
         )
 
     @classmethod
@@ -205,6 +227,7 @@ CHOICES = {
     "engine": ("physx", "bullet"),
     "inertia": ("exact", "paper"),
     "contact_manifold": ("full", "persistent"),
+    "decomposition": ("auto", "on", "off"),
 }
 
 NAMED: dict[str, dict] = {

@@ -30,17 +30,18 @@ def effects_plan(
         Effect to ``on``, ``reason``, ``cost_s``; None where an effect has no cost of its own.
     """
     minerals = len(scene["phases"]) - 1
-    excess = first["hull_excess"]
+    excess = first["collision_excess"]
     return {
         "gravity_packing": {
             "on": True,
             "reason": f"{first['poured']} grains poured by {first['engine']}, {first['steps']} steps",
             "cost_s": cost_s.get("first_packing"),
         },
-        "convex_hulls": {
+        "collision_shapes": {
             "on": True,
-            "reason": "grains collide as convex hulls, on average "
-            f"{100 * excess:.1f} % larger than the grains: porosity that true shapes would not leave",
+            "reason": f"{first['n_hulls']} grains collide as convex hulls, {first['n_decomposed']} as convex "
+            f"parts, {first['n_spheres']} as spheres: on average {100 * excess:.1f} % larger than the grains "
+            f"(hulls alone {100 * first['hull_excess']:.1f} %), porosity that true shapes would not leave",
             "cost_s": None,
         },
         "phase_mixing": {
