@@ -22,8 +22,8 @@ WALLS = (
 
 
 ITERATIONS = 5
-"""Sequential impulses for one iteration of the parameters, which mean PhysX's: that solver takes a part of the time
-step in each, and so converges faster. Grains 1:20, or flat on flat, do not come to rest with fewer."""
+"""Sequential impulses for one iteration of the parameters, which mean PhysX's: that solver takes a part of
+the time step in each, and so converges faster. Grains 1:20, or flat on flat, do not rest with fewer."""
 
 
 class Bullet:

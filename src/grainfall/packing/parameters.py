@@ -169,8 +169,8 @@ class Parameters:
 
         Gravity is :data:`GRAVITY`; the step is at most :data:`LONGEST_STEP` of the time in which the smallest
         grain falls its own radius, sqrt(R / g) but for a factor. Numbers of steps that stand for a time are
-        those of the default step, and more of shorter ones. Iterations rise with the contrast of density, since
-        a light grain under a heavy one learns of its load a little at a time.
+        those of the default step, and more of shorter ones. Bullet's iterations rise with the contrast of
+        density: a light grain under a heavy one learns of its load a little at a time. PhysX needs no more.
 
         Parameters
         ----------
@@ -181,12 +181,15 @@ class Parameters:
         """
         dt = min(self.dt, LONGEST_STEP * (smallest / GRAVITY) ** 0.5)
         more = max(1.0, type(self).dt / dt)
+        iterations = self.solver_iterations
+        if self.engine == "bullet":
+            iterations = round(iterations * contrast**0.5)
         counts = ("sleep_steps", "max_idle_steps", "rest_windows")
         return replace(
             self,
             gravity=GRAVITY,
             dt=dt,
-            solver_iterations=round(self.solver_iterations * contrast**0.5),
+            solver_iterations=iterations,
             **{name: round(more * getattr(self, name)) for name in counts},
         )
 
