@@ -21,11 +21,6 @@ WALLS = (
 )
 
 
-ITERATIONS = 5
-"""Sequential impulses for one iteration of the parameters, which mean PhysX's: that solver takes a part of
-the time step in each, and so converges faster. Grains 1:20, or flat on flat, do not rest with fewer."""
-
-
 class Bullet:
     """:class:`grainfall.packing.engine.Engine` on Bullet's sequential impulses.
 
@@ -42,7 +37,7 @@ class Bullet:
         bullet.setGravity(0, 0, -p.gravity, physicsClientId=self._client)
         bullet.setPhysicsEngineParameter(
             fixedTimeStep=p.dt,
-            numSolverIterations=ITERATIONS * p.solver_iterations,
+            numSolverIterations=p.solver_iterations,
             numSubSteps=0,
             restitutionVelocityThreshold=p.bounce_speed,
             contactBreakingThreshold=p.contact_breaking,
