@@ -19,12 +19,12 @@ with stage(snakemake) as progress:
         volume,
         voxel,
         settings["contacts"]["tolerance"],
-        hull_vertices=parameters.hull_vertices,
+        parameters=parameters,
         packed=io.read_table(snakemake.input.packed),
     )
     by_phase = contacts.coordination(table, bodies, size)
     summary = {
-        "max_overlap": contacts.max_overlap(bodies, library, size),
+        "max_overlap": contacts.max_overlap(bodies, library, size, parameters),
         **by_phase.iloc[0].drop("phase").to_dict(),
         "by_phase": by_phase.iloc[1:].to_dict("records"),
     }

@@ -14,7 +14,8 @@ import pandas as pd
 from scipy.spatial import ConvexHull, cKDTree
 from scipy.spatial.transform import Rotation
 
-from grainfall.packing.shapes import collision_shape
+from grainfall.packing.parameters import Parameters
+from grainfall.packing.shapes import collision_shapes
 from grainfall.volume import adjacent_pairs
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ def find_contacts(
     body_volume: np.ndarray | None,
     voxel_size_um: float,
     tolerance: float = TOLERANCE,
-    hull_vertices: int | None = None,
+    parameters: Parameters | None = None,
     packed: pd.DataFrame | None = None,
 ) -> pd.DataFrame:
     """Pairs of grains in contact, wherever they lie.
@@ -61,10 +62,10 @@ def find_contacts(
         Edge of a voxel.
     tolerance : float
         Largest gap of a contact over the mean grain diameter (of equal-volume spheres).
-    hull_vertices : int, optional
-        Judge by the hulls that the engine collided (``Parameters.hull_vertices``), not by the meshes' own. A
-        simplified hull differs from the mesh's by some percent of a radius, many times the tolerance: grains
-        at rest on each other show a gap, or a deep overlap, between their meshes.
+    parameters : Parameters, optional
+        Judge by the shapes that the engine collided, not by the hulls of the meshes. A simplified hull
+        differs from the mesh's by some percent of a radius, many times the tolerance: grains at rest on each
+        other show a gap, or a deep overlap, between their meshes.
     packed : DataFrame, optional
         The bodies as they came to rest, before positions were scaled to the target porosity. That moves
         neighbours apart (or into each other) by up to half a percent of their distance, again more than the
@@ -81,9 +82,8 @@ def find_contacts(
     grains = bodies[bodies["kind"] == "grain"]
     limit = tolerance * 2 * grains["scale"].mean() if len(grains) else 0.0
     rest = grains if packed is None else packed[packed["id"].isin(grains["id"])]
-    if hull_vertices is not None:
-        library = collided(library, grains["shape"], hull_vertices)
-    pairs = closest_points(rest, library, limit)
+    shapes = library if parameters is None else collided(library, grains["shape"], parameters)
+    pairs = closest_points(rest, shapes, limit)
     pairs = pairs[pairs["gap_um"] <= limit].reset_index(drop=True)
     phase = grains.set_index("id")["phase"]
     table = pd.DataFrame({"grain_a": pairs["a"], "grain_b": pairs["b"]})
@@ -114,32 +114,44 @@ def _inside(table: pd.DataFrame, size_um: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Hulls:
-    """Vertices of shapes, by shape id: what of a library the distances need."""
+    """Vertices of the convex parts of shapes, by shape id, in the library's frame; no part: a unit sphere."""
 
-    vertices: dict[int, np.ndarray]
+    parts: dict[int, tuple[np.ndarray, ...]]
 
 
-def collided(library: Library, shapes: Iterable[int], hull_vertices: int) -> Hulls:
-    """The convex polytopes that the engine collided in place of the meshes, in the library's frame."""
-    used = {int(s) for s in shapes if s >= 0}
-    simplified = {
-        s: collision_shape(library.vertices[s], library.faces[s], hull_vertices) for s in sorted(used)
-    }
-    return Hulls({s: shape.frame.apply(shape.parts[0]) for s, shape in simplified.items()})
+def collided(library: Library, shapes: Iterable[int], parameters: Parameters) -> Hulls:
+    """What the engine collided in place of the meshes: spheres, simplified hulls, convex parts."""
+    used = sorted({int(s) for s in shapes if s >= 0})
+    return Hulls(
+        {
+            s: tuple(shape.frame.apply(part) for part in shape.parts)
+            for s, shape in collision_shapes(library, used, parameters).items()
+        }
+    )
+
+
+def _parts(library: Library | Hulls, shape: int) -> tuple[np.ndarray, ...]:
+    """Convex parts of a shape: those of :class:`Hulls`, or the mesh as one; none: a sphere."""
+    if shape < 0:
+        return ()
+    return library.parts[shape] if isinstance(library, Hulls) else (library.vertices[shape],)
 
 
 def closest_points(bodies: pd.DataFrame, library: Library | Hulls, reach_um: float) -> pd.DataFrame:
-    """Signed distances of the convex hulls of all pairs whose bounding spheres come within ``reach_um``.
+    """Signed distances of all pairs whose bounding spheres come within ``reach_um``.
 
     GJK distance and EPA penetration depth by FCL, in mean radii and with the first body at the origin. A
-    sphere is a point with a margin, which makes its distances as exact as a hull's.
+    sphere is a point with a margin, which makes its distances as exact as a hull's. Of bodies of several
+    convex parts the least of the signed distances of two parts counts: the distance where the bodies are
+    apart, the depth of the deepest pair of parts where they are not (no shorter way out, over all parts at
+    once, is looked for).
 
     Parameters
     ----------
     bodies : DataFrame
         Columns of ``bodies.csv``.
-    library : Library
-        Shapes; id -1 is a sphere.
+    library : Library or Hulls
+        Shapes, of a Library their convex hulls; id -1 is a sphere.
     reach_um : float
         Largest gap of the bounding spheres.
 
@@ -159,22 +171,15 @@ def closest_points(bodies: pd.DataFrame, library: Library | Hulls, reach_um: flo
         import fcl
 
         unit = scale.mean()
-        hulls = {s: _hull(library.vertices[s]) for s in np.unique(shape) if s >= 0}
+        hulls = {s: [_hull(part) for part in _parts(library, s)] for s in np.unique(shape)}
         rotation = Rotation.from_quat(bodies[["qw", "qx", "qy", "qz"]].to_numpy(float), scalar_first=True)
         turns = rotation.as_matrix()
-        cores = [_core(fcl, hulls.get(s), r / unit) for s, r in zip(shape, scale, strict=True)]
-        margin = np.where(shape < 0, scale / unit, 0.0)
+        cores = [_cores(fcl, hulls[s], r / unit) for s, r in zip(shape, scale, strict=True)]
+        margin = np.array([0.0 if hulls[s] else r / unit for s, r in zip(shape, scale, strict=True)])
     for row, (a, b) in enumerate(zip(i, j, strict=True)):
-        first = fcl.CollisionObject(cores[a], fcl.Transform(turns[a], np.zeros(3)))
         offset = (position[b] - position[a]) / unit
-        gap, on_a, on_b = _distance(fcl, first, cores[b], turns[b], offset)
-        apart, from_a, from_b = gap, on_a, on_b
-        if abs(gap) < TOUCHING:
-            # the closest points coincide: the direction is that of the gap a little apart
-            apart, from_a, from_b = _distance(fcl, first, cores[b], turns[b], offset * (1 + 1e-4))
-        normal = (from_b - from_a) * np.sign(apart)
-        normal /= np.linalg.norm(normal)
-        middle = (on_a + on_b + (margin[a] - margin[b]) * normal) / 2
+        gap, middle, normal = _nearest(fcl, cores[a], turns[a], cores[b], turns[b], offset)
+        middle = middle + (margin[a] - margin[b]) * normal / 2
         rows[row] = (gap - margin[a] - margin[b]) * unit, *(position[a] + middle * unit), *normal
     table = pd.DataFrame(rows, columns=columns[2:])
     table.insert(0, "a", ids[i])
@@ -186,7 +191,8 @@ def bounding_radii(bodies: pd.DataFrame, library: Library | Hulls) -> np.ndarray
     """Radius (n,) um about its centre that holds each body."""
     shapes = bodies["shape"].to_numpy()
     extent = {
-        s: 1.0 if s < 0 else np.linalg.norm(library.vertices[s], axis=1).max() for s in np.unique(shapes)
+        s: max((np.linalg.norm(part, axis=1).max() for part in _parts(library, s)), default=1.0)
+        for s in np.unique(shapes)
     }
     return bodies["scale"].to_numpy(float) * np.array([extent[s] for s in shapes])
 
@@ -214,13 +220,66 @@ def _hull(vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return vertices[hull.vertices], faces
 
 
-def _core(fcl: object, hull: tuple[np.ndarray, np.ndarray] | None, scale: float) -> object:
-    """A hull, or the point inside a sphere (FCL has no points: a sphere of no size that matters)."""
-    if hull is None:
-        return fcl.Sphere(1e-12)
-    vertices, faces = hull
-    counted = np.column_stack([np.full(len(faces), 3), faces]).ravel()
-    return fcl.Convex(vertices * scale, len(faces), counted)
+@dataclass(frozen=True)
+class _Core:
+    """A convex part as FCL has it, with its bounding sphere in the body's frame."""
+
+    geometry: object
+    centre: np.ndarray
+    radius: float
+
+
+def _cores(fcl: object, hulls: list[tuple[np.ndarray, np.ndarray]], scale: float) -> list[_Core]:
+    """Parts of a body, or the point inside a sphere (FCL has no points: a sphere of no size that matters)."""
+    if not hulls:
+        return [_Core(fcl.Sphere(1e-12), np.zeros(3), 0.0)]
+    found = []
+    for vertices, faces in hulls:
+        counted = np.column_stack([np.full(len(faces), 3), faces]).ravel()
+        points = vertices * scale
+        centre = points.mean(axis=0)
+        radius = np.linalg.norm(points - centre, axis=1).max()
+        found.append(_Core(fcl.Convex(points, len(faces), counted), centre, radius))
+    return found
+
+
+def _nearest(
+    fcl: object,
+    first: list[_Core],
+    turn: np.ndarray,
+    second: list[_Core],
+    turn_b: np.ndarray,
+    offset: np.ndarray,
+) -> tuple[float, np.ndarray, np.ndarray]:
+    """Least signed distance of the parts of two bodies, the point midway and the unit normal.
+
+    Neither distance nor (negative) depth of two parts is below that of their bounding spheres, so pairs are
+    taken from the nearest spheres on, until no other can beat the least so far.
+    """
+    if len(first) == len(second) == 1:
+        pairs = [(-np.inf, first[0], second[0])]
+    else:
+        pairs = [
+            (np.linalg.norm(turn_b @ q.centre + offset - turn @ p.centre) - p.radius - q.radius, p, q)
+            for p in first
+            for q in second
+        ]
+        pairs.sort(key=lambda pair: pair[0])
+    best = (np.inf, None, None)
+    for bound, p, q in pairs:
+        if bound >= best[0]:
+            break
+        body = fcl.CollisionObject(p.geometry, fcl.Transform(turn, np.zeros(3)))
+        found = _distance(fcl, body, q.geometry, turn_b, offset)
+        if found[0] < best[0]:
+            best, nearest, geometry = found, body, q.geometry
+    gap, on_a, on_b = apart, from_a, from_b = best
+    if abs(gap) < TOUCHING:
+        # the closest points coincide: the direction is that of the gap a little apart
+        apart, from_a, from_b = _distance(fcl, nearest, geometry, turn_b, offset * (1 + 1e-4))
+    normal = (from_b - from_a) * np.sign(apart)
+    normal /= np.linalg.norm(normal)
+    return gap, (on_a + on_b) / 2, normal
 
 
 def _distance(
@@ -287,7 +346,10 @@ def coordination(
 
 
 def max_overlap(
-    bodies: pd.DataFrame, library: Library, size_um: tuple[float, float, float] | None = None
+    bodies: pd.DataFrame,
+    library: Library,
+    size_um: tuple[float, float, float] | None = None,
+    parameters: Parameters | None = None,
 ) -> float:
     """Deepest penetration of two grains over the smaller one's radius, 0 where none overlap.
 
@@ -296,12 +358,17 @@ def max_overlap(
     bodies : DataFrame
         Columns of ``bodies.csv``; radius is that of the equal-volume sphere.
     library : Library
-        Shapes; the convex hulls of their meshes are compared: an upper bound where they are not convex. The
+        Shapes; the convex hulls of their meshes are compared, an upper bound where they are not convex. The
         simplified hulls of the engine overlap far less; their difference from the mesh is counted here.
     size_um : (float, float, float), optional
         Size of the region of interest along x, y, z: only grains whose bounding spheres meet it are compared.
+    parameters : Parameters, optional
+        Of grains that the engine collided as several parts, compare those parts in place of the hull.
     """
     grains = bodies[bodies["kind"] == "grain"]
+    if parameters is not None:
+        parts = collided(library, grains["shape"], parameters).parts
+        library = Hulls({s: p if len(p) > 1 else (library.vertices[s],) for s, p in parts.items()})
     if size_um is not None:
         points = grains[["x", "y", "z"]].to_numpy(float)
         outside = points - np.clip(points, 0, np.asarray(size_um, float))

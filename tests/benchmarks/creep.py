@@ -20,8 +20,9 @@ from engines import angular_grains
 
 from grainfall import io
 from grainfall.packing import Parameters
-from grainfall.packing.deposition import collision_shapes, random_quaternion
+from grainfall.packing.deposition import random_quaternion
 from grainfall.packing.engine import Solid, start
+from grainfall.packing.shapes import collision_shapes
 
 SIDE = 10.0
 CASES = (
@@ -44,7 +45,7 @@ def measure(seed: int, **changes: object) -> dict:
     ]
     for place in places:
         shape, r = shapes[int(rng.integers(40))], rng.uniform(0.8, 1.2)
-        solid = Solid((shape.parts[0] * r,), shape.bound * r, r**3, shape.inertia * r**5)
+        solid = Solid(tuple(part * r for part in shape.parts), shape.bound * r, r**3, shape.inertia * r**5)
         engine.add(solid, np.array(place), random_quaternion(rng), np.array([0.0, 0.0, -1.0]))
     heights = []
     for _ in range(12):

@@ -12,6 +12,7 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from grainfall import contacts
+from grainfall.packing import Parameters
 
 pytest.importorskip("fcl")
 
@@ -163,16 +164,18 @@ def test_rattlers_are_taken_away_until_none_is_left():
 
 def test_contacts_of_the_hulls_that_were_collided():
     """Two round grains at rest on their simplified hulls: no contact of the meshes, one of the hulls."""
+    few = Parameters(hull_vertices=24)
     mesh = trimesh.creation.icosphere(3)
+    mesh.apply_transform(np.diag([1.0, 1.1, 0.9, 1.0]))
     mesh.apply_scale((4 * np.pi / 3 / mesh.volume) ** (1 / 3))
     round_grain = SimpleNamespace(vertices=[np.array(mesh.vertices)], faces=[np.array(mesh.faces)])
-    hull = contacts.collided(round_grain, [0], 24).vertices[0]
+    hull = contacts.collided(round_grain, [0], few).parts[0][0]
     assert len(hull) == 24
     assert ConvexHull(hull).volume == pytest.approx(mesh.volume)
     table = bodies([[0, 0, 0], [np.ptp(hull[:, 0]), 0, 0]], shape=0)
-    between = contacts.closest_points(table, contacts.Hulls({0: hull}), 1.0).loc[0, "gap_um"]
+    between = contacts.closest_points(table, contacts.Hulls({0: (hull,)}), 1.0).loc[0, "gap_um"]
     table.loc[1, "x"] -= between
-    assert contacts.find_contacts(table, round_grain, None, 1.0, hull_vertices=24)["gap_um"][
+    assert contacts.find_contacts(table, round_grain, None, 1.0, parameters=few)["gap_um"][
         0
     ] == pytest.approx(0, abs=1e-6)
     meshes = contacts.closest_points(table, round_grain, 1.0).loc[0, "gap_um"]

@@ -11,9 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from grainfall.packing.engine import WALL, Contacts, Engine, Solid, start
 from grainfall.packing.parameters import Parameters
-from grainfall.packing.shapes import CollisionShape, collision_shape, unit_sphere
+from grainfall.packing.shapes import CollisionShape, collision_shapes
 
-SPHERE = -1
 COLUMNS = ["id", "kind", "phase", "shape", "scale", "x", "y", "z", "qw", "qx", "qy", "qz", "asleep"]
 
 
@@ -228,13 +227,3 @@ class Bed:
         a, b = np.sort(contacts.pairs[between], axis=1).T
         table = pd.DataFrame({"a": a, "b": b, "force_n": contacts.force[between] * newton})
         return table.groupby(["a", "b"], as_index=False).sum()
-
-
-def collision_shapes(library, ids, parameters: Parameters) -> dict[int, CollisionShape]:
-    """Collision shapes of the library entries ``ids`` (-1: sphere)."""
-    return {
-        int(i): unit_sphere()
-        if i == SPHERE
-        else collision_shape(library.vertices[i], library.faces[i], parameters.hull_vertices)
-        for i in ids
-    }

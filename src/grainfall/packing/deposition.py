@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import time
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -14,9 +15,10 @@ import pandas as pd
 
 from grainfall import io
 from grainfall.errors import InputError
-from grainfall.packing.bed import SPHERE, Bed, Frame, collision_shapes
+from grainfall.packing.bed import Bed, Frame
 from grainfall.packing.parameters import Parameters
 from grainfall.packing.rest import relax
+from grainfall.packing.shapes import SPHERE, collision_shapes
 
 Progress = Callable[[int, int, int, int], None]
 """Called with (bodies poured, bodies settled, bodies expected in all, simulation steps)."""
@@ -92,8 +94,10 @@ class Report:
 
     ``unit_um`` is one engine length (the mean grain radius), ``unit_s`` what one engine second stands for
     under Earth's gravity; energies are in engine units. Overlaps are of collision shapes, in radii of the
-    smaller grain. ``hull_excess`` is the mean of V_hull / V - 1 over the grains poured,
-    ``hull_deviation`` the mean of the largest distance between collision shape and hull, in grain radii.
+    smaller grain. ``n_spheres``, ``n_hulls`` and ``n_decomposed`` count the grains poured by how they
+    collided. ``hull_excess`` is the mean of V_hull / V - 1 over those with a mesh, ``collision_excess`` the
+    same of the shapes that collided, ``hull_deviation`` the mean of the largest distance between collision
+    shape and hull, in grain radii.
     ``rest`` is what :func:`grainfall.packing.rest.relax` found when all bodies were set free at the end, and
     ``settled`` the mean way that took them, in mean grain radii.
     """
@@ -115,7 +119,12 @@ class Report:
     solid_fraction: float = 0.0
     max_overlap: float | None = None
     mean_overlap: float | None = None
+    n_spheres: int = 0
+    n_hulls: int = 0
+    n_decomposed: int = 0
+    decomposition_s: float = 0.0
     hull_excess: float = 0.0
+    collision_excess: float = 0.0
     hull_deviation: float = 0.0
     mean_active: float = 0.0
     rest: dict = field(default_factory=dict)
@@ -451,9 +460,15 @@ class _Deposition:
         roi, xyz = np.array(self.box.roi_um), bodies[["x", "y", "z"]].to_numpy()
         within = ((xyz >= 0) & (xyz < roi)).all(axis=1)
         report.solid_fraction = float(4 / 3 * np.pi * (bodies["scale"][within] ** 3).sum() / roi.prod())
+        kinds = Counter(bed.shapes[s].kind for s in bed.shape[bed.kind == "grain"])
+        report.n_spheres, report.n_hulls, report.n_decomposed = (
+            kinds[kind] for kind in ("sphere", "hull", "parts")
+        )
+        report.decomposition_s = sum(shape.seconds for shape in bed.shapes.values())
         used = [bed.shapes[s] for s in bed.shape if s != SPHERE]
         if used:
-            report.hull_excess = float(np.mean([s.excess for s in used]))
+            report.hull_excess = float(np.mean([s.hull_excess for s in used]))
+            report.collision_excess = float(np.mean([s.excess for s in used]))
             report.hull_deviation = float(np.mean([s.deviation for s in used]))
         report.mean_active = self.activity / max(1, self.steps)
         report.wall_s = time.perf_counter() - self.started

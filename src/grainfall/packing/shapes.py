@@ -2,11 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
+
+from grainfall.packing.decomposition import decompose, union_volume
+from grainfall.packing.parameters import Parameters
+
+if TYPE_CHECKING:
+    from grainfall.grains import Library
+
+SPHERE = -1
+"""Shape id of a sphere, which is in no library."""
+
+SPHERE_DEVIATION = 0.01
+"""Distance of a mesh from its equal-volume sphere, in radii, up to which it may collide as that sphere."""
 
 
 @dataclass(frozen=True)
@@ -24,24 +39,70 @@ class CollisionShape:
         Principal moments of the mesh, unit density.
     frame : scipy Rotation
         Principal frame -> library frame.
-    excess : float
+    hull_excess : float
         Volume of the mesh's convex hull over the mesh's own, minus 1: what a convex shape cannot resolve.
+    excess : float
+        The same of the shape that collides: of the union of its pieces.
     deviation : float
         Largest distance between the support functions of the collision shape and of the mesh's hull.
+    kind : {"sphere", "hull", "parts"}
+    reason : str
+        Why that kind, see :func:`choose_kind`.
+    seconds : float
+        Time spent on decomposition; a mesh met before in this run costs none.
     """
 
     parts: tuple[np.ndarray, ...]
     bound: float
     inertia: np.ndarray
     frame: Rotation
+    hull_excess: float
     excess: float
     deviation: float
+    kind: str
+    reason: str
+    seconds: float = field(default=0.0, compare=False)
 
 
 def unit_sphere() -> CollisionShape:
     """The sphere of radius 1 (shape id -1)."""
     inertia = np.full(3, 0.4 * 4 * np.pi / 3)
-    return CollisionShape((), 1.0, inertia, Rotation.identity(), 0.0, 0.0)
+    return CollisionShape((), 1.0, inertia, Rotation.identity(), 0.0, 0.0, 0.0, "sphere", "a sphere")
+
+
+def choose_kind(
+    hull_excess: float, hull_deviation: float, sphere_deviation: float, decomposition: str, tolerance: float
+) -> tuple[str, str]:
+    """Whether a grain collides as a sphere, as one hull or as convex parts.
+
+    A sphere is taken where it is the truer shape as well as the cheaper one: within
+    :data:`SPHERE_DEVIATION` of the mesh, and nearer to it than the simplified hull, whose facets lock.
+
+    Parameters
+    ----------
+    hull_excess : float
+        V_hull / V - 1 of the mesh.
+    hull_deviation, sphere_deviation : float
+        Largest distance of the simplified hull from the hull and of the mesh from the equal-volume sphere,
+        in radii of that sphere.
+    decomposition : {"auto", "on", "off"}
+    tolerance : float
+        Excess above which ``auto`` decomposes.
+
+    Returns
+    -------
+    kind : {"sphere", "hull", "parts"}
+    reason : str
+    """
+    if sphere_deviation <= min(SPHERE_DEVIATION, hull_deviation):
+        return "sphere", f"within {sphere_deviation:.4f} radii of a sphere, its hull {hull_deviation:.4f}"
+    if decomposition == "on":
+        return "parts", "decomposition is on"
+    if decomposition == "off":
+        return "hull", "decomposition is off"
+    if hull_excess > tolerance:
+        return "parts", f"hull excess {hull_excess:.4f} above {tolerance:g}"
+    return "hull", f"hull excess {hull_excess:.4f} within {tolerance:g}"
 
 
 def reduce_hull(points: np.ndarray, n: int) -> np.ndarray:
@@ -107,8 +168,20 @@ def mesh_moments(vertices: np.ndarray, faces: np.ndarray) -> tuple[float, np.nda
     return found["volume"], np.asarray(found["center_mass"]), np.asarray(found["inertia"])
 
 
-def collision_shape(vertices: np.ndarray, faces: np.ndarray, hull_vertices: int) -> CollisionShape:
-    """The convex collision shape, exact moments and principal frame of a library mesh."""
+def collision_shape(
+    vertices: np.ndarray, faces: np.ndarray, parameters: Parameters | None = None
+) -> CollisionShape:
+    """The collision shape, exact moments and principal frame of a library mesh.
+
+    Parameters
+    ----------
+    vertices : (n, 3) float
+    faces : (m, 3) int
+    parameters : Parameters, optional
+        ``hull_vertices``, ``decomposition`` and ``hull_excess`` count. A part has a quarter of the vertices
+        of a lone hull, which bounds a grain at four times as many.
+    """
+    parameters = parameters or Parameters()
     volume, centre, inertia = mesh_moments(vertices, faces)
     moments, axes = np.linalg.eigh(inertia)
     axes = axes * np.where(
@@ -116,17 +189,65 @@ def collision_shape(vertices: np.ndarray, faces: np.ndarray, hull_vertices: int)
     )  # one sign on any machine
     axes[:, 2] *= np.sign(np.linalg.det(axes))
     local = (np.asarray(vertices, float) - centre) @ axes
-    points = reduce_hull(local, hull_vertices)
-    normals = _directions(400)
-    deviation = np.abs((normals @ points.T).max(axis=1) - (normals @ local.T).max(axis=1)).max()
+    radius = float(np.cbrt(3 * volume / (4 * np.pi)))
+    parts: tuple[np.ndarray, ...] = (reduce_hull(local, parameters.hull_vertices),)
+    hull_excess = excess = float(ConvexHull(local).volume / volume - 1)
+    surface = np.vstack([local, local[faces].mean(axis=1)])
+    sphere_deviation = float(np.abs(np.linalg.norm(surface, axis=1) / radius - 1).max())
+    kind, reason = choose_kind(
+        hull_excess,
+        _deviation(parts, local) / radius,
+        sphere_deviation,
+        parameters.decomposition,
+        parameters.hull_excess,
+    )
+    seconds = 0.0
+    if kind == "sphere":
+        parts, excess = (), 0.0
+    elif kind == "parts":
+        started = time.perf_counter()
+        # in the library's frame: CoACD cuts along the axes, and principal axes are seldom a grain's own
+        pieces = decompose(vertices, faces)
+        seconds = time.perf_counter() - started
+        most = max(8, parameters.hull_vertices // 4)
+        pieces = tuple(reduce_hull((piece - centre) @ axes, most) for piece in pieces)
+        union = union_volume(pieces) / volume - 1 if len(pieces) > 1 else hull_excess
+        if union < hull_excess:
+            parts, excess = pieces, union
+        else:
+            kind = "hull"
+            reason += ", but its mesh cannot be cut" if not pieces else ", but parts are no smaller"
     return CollisionShape(
-        parts=(points,),
-        bound=float(np.linalg.norm(points, axis=1).max()),
+        parts=parts,
+        bound=max((float(np.linalg.norm(part, axis=1).max()) for part in parts), default=radius),
         inertia=moments,
         frame=Rotation.from_matrix(axes),
-        excess=float(ConvexHull(local).volume / volume - 1),
-        deviation=float(deviation),
+        hull_excess=hull_excess,
+        excess=excess,
+        deviation=_deviation(parts, local) if parts else sphere_deviation * radius,
+        kind=kind,
+        reason=reason,
+        seconds=seconds,
     )
+
+
+def collision_shapes(
+    library: Library, ids: Iterable[int], parameters: Parameters
+) -> dict[int, CollisionShape]:
+    """Collision shapes of the library entries ``ids`` (-1: sphere)."""
+    return {
+        int(i): unit_sphere()
+        if i == SPHERE
+        else collision_shape(library.vertices[i], library.faces[i], parameters)
+        for i in ids
+    }
+
+
+def _deviation(parts: tuple[np.ndarray, ...], points: np.ndarray) -> float:
+    """Largest distance between the support functions of ``parts`` and of ``points``."""
+    normals = _directions(400)
+    found = (normals @ np.vstack(parts).T).max(axis=1) - (normals @ points.T).max(axis=1)
+    return float(np.abs(found).max())
 
 
 def _directions(n: int) -> np.ndarray:

@@ -1,0 +1,174 @@
+"""Non-convex grains collide as convex parts: the parts are the grain, and rest where the grain would."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+import grainfall
+from grainfall.contacts import Hulls, closest_points
+from grainfall.packing import Parameters
+from grainfall.packing.decomposition import MOST_PIECES, decompose, union_volume
+from grainfall.packing.engine import Solid, start
+from grainfall.packing.shapes import SPHERE_DEVIATION, choose_kind, collision_shape
+
+ENGINES = ["physx", "bullet"]
+CENTRE = np.array([5 / 6, 0.5, 7 / 6])  # of the L below
+UPRIGHT = np.array([1.0, 0, 0, 0])
+
+
+@pytest.fixture(scope="module")
+def ell() -> tuple[np.ndarray, np.ndarray]:
+    """Three unit cubes: one on the floor, one on it, one beside that one, over nothing."""
+    outline = np.array([[0, 0], [1, 0], [1, 1], [2, 1], [2, 2], [0, 2]], float)
+    corners = np.vstack([np.column_stack([outline[:, 0], np.full(6, y), outline[:, 1]]) for y in (0, 1)])
+    cap = [[0, 1, 2], [0, 2, 5], [2, 3, 4], [2, 4, 5]]
+    sides = [t for i in range(6) for j in [(i + 1) % 6] for t in ([i, i + 6, j], [j, i + 6, j + 6])]
+    faces = cap + [[c + 6, b + 6, a + 6] for a, b, c in cap] + sides
+    mesh = trimesh.Trimesh(corners, faces, process=False)
+    assert mesh.is_watertight
+    if mesh.volume < 0:
+        mesh.invert()
+    assert mesh.volume == pytest.approx(3)
+    return np.array(mesh.vertices), np.array(mesh.faces)
+
+
+def test_parts_of_an_l_are_its_two_boxes(ell):
+    pieces = decompose(*ell)
+    assert len(pieces) == 2
+    for piece in pieces:  # each is a box: as large as its bounding box
+        assert union_volume((piece,)) == pytest.approx(np.ptp(piece, axis=0).prod(), rel=1e-3)
+    assert sorted(np.ptp(p, axis=0).prod() for p in pieces) == pytest.approx([1, 2], abs=1e-3)
+    shape = collision_shape(*ell, Parameters())
+    assert shape.kind == "parts"
+    assert shape.hull_excess == pytest.approx(1 / 6)
+    assert shape.excess == pytest.approx(0, abs=0.01)
+
+
+def body(ell, decomposition: str) -> tuple[Solid, np.ndarray]:
+    """The L for an engine, and the quaternion at which it stands as drawn."""
+    shape = collision_shape(*ell, Parameters(decomposition=decomposition))
+    solid = Solid(shape.parts, shape.bound, 3.0, shape.inertia)
+    x, y, z, w = shape.frame.as_quat()
+    return solid, np.array([w, x, y, z])
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_decomposed_l_rests_at_its_height(ell, engine):
+    """It stands on one cube, its centre of mass over it, at 7/6 of a cube."""
+    box = start(Parameters.named(engine=engine), 10, 10)
+    solid, turn = body(ell, "auto")
+    assert len(solid.parts) == 2
+    box.add(solid, np.array([5, 5, CENTRE[2] + 0.2]), turn, np.zeros(3))
+    box.step(500)
+    assert box.state().position[0, 2] == pytest.approx(CENTRE[2], abs=0.01)
+    box.close()
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("decomposition", ["auto", "off"])
+def test_an_l_nests_over_a_peg_where_its_hull_does_not(ell, engine, decomposition):
+    peg = np.array([[x, y, z] for x in (-0.3, 0.3) for y in (-0.3, 0.3) for z in (-0.4, 0.4)])
+    box = start(Parameters.named(engine=engine), 10, 10)
+    at = np.array([5.0, 5.0, 0.4])
+    box.add(Solid((peg,), 0.6, 1.0, np.ones(3)), at, UPRIGHT, np.zeros(3))
+    box.fix([0])
+    solid, turn = body(ell, decomposition)
+    notch = np.array([1.5, 0.5, 0.4])
+    box.add(solid, at + CENTRE - notch + [0, 0, 0.9], turn, np.zeros(3))
+    box.step(500)
+    place = box.state().position[-1]
+    nested = np.abs(place - (at + CENTRE - notch)).max() < 0.05
+    assert nested == (decomposition == "auto")
+    box.close()
+
+
+@pytest.mark.parametrize("decomposition", ["auto", "on", "off"])
+def test_a_convex_grain_stays_one_piece(decomposition):
+    for grain in (trimesh.creation.box([1, 2, 3]), trimesh.creation.icosphere(3).apply_scale([1, 1.2, 0.7])):
+        shape = collision_shape(
+            np.array(grain.vertices), np.array(grain.faces), Parameters(decomposition=decomposition)
+        )
+        assert shape.kind == "hull"
+        assert len(shape.parts) == 1
+
+
+def test_a_ball_collides_as_a_sphere_and_an_ellipsoid_does_not():
+    ball = trimesh.creation.icosphere(4)
+    for stretch, kind in ((1.0, "sphere"), (1 + 4 * SPHERE_DEVIATION, "hull")):
+        shape = collision_shape(np.array(ball.vertices) * [1, 1, stretch], np.array(ball.faces))
+        assert shape.kind == kind
+        assert (len(shape.parts) == 0) == (kind == "sphere")
+
+
+@pytest.mark.parametrize(
+    ("figures", "kind"),
+    [
+        ((0.2, 0.03, 0.5, "auto", 0.1), "parts"),
+        ((0.1, 0.03, 0.5, "auto", 0.1), "hull"),
+        ((0.2, 0.03, 0.5, "off", 0.1), "hull"),
+        ((0.01, 0.03, 0.5, "on", 0.1), "parts"),
+        ((0.0, 0.03, 0.005, "auto", 0.1), "sphere"),
+        ((0.0, 0.001, 0.005, "auto", 0.1), "hull"),
+    ],
+)
+def test_the_choice_follows_its_measures(figures, kind):
+    found, reason = choose_kind(*figures)
+    assert found == kind
+    assert reason
+
+
+def test_a_mesh_that_cannot_be_cut_collides_as_its_hull(ell):
+    vertices, faces = ell
+    assert decompose(vertices, faces[1:]) == ()
+
+
+def bumpy() -> tuple[np.ndarray, np.ndarray]:
+    ball = trimesh.creation.icosphere(3)
+    v = np.array(ball.vertices)
+    return v * (1 + 0.35 * np.cos(3 * np.arctan2(v[:, 1], v[:, 0])) * (1 - v[:, 2] ** 2))[:, None], ball.faces
+
+
+def test_parts_take_the_place_of_most_of_the_excess():
+    vertices, faces = bumpy()
+    shape = collision_shape(vertices, np.array(faces))
+    assert shape.kind == "parts"
+    assert 2 <= len(shape.parts) <= MOST_PIECES
+    assert shape.excess < shape.hull_excess / 2
+
+
+def test_same_bytes_in_another_process_with_other_threads():
+    program = f"""
+import hashlib, sys
+sys.path.insert(0, {str(Path(__file__).parent)!r})
+from test_decomposition import bumpy
+from grainfall.packing.decomposition import decompose
+print(hashlib.md5(b"".join(p.tobytes() for p in decompose(*bumpy()))).hexdigest())
+"""
+    found = set()
+    for threads in ("1", "2"):
+        paths = os.pathsep.join([str(Path(grainfall.__file__).parents[1])])
+        environment = {**os.environ, "PYTHONPATH": paths, "OMP_NUM_THREADS": threads}
+        done = subprocess.run(
+            [sys.executable, "-c", program], env=environment, capture_output=True, text=True
+        )
+        assert len(done.stdout.split()) == 1, done.stderr
+        found.add(done.stdout)
+    assert len(found) == 1
+
+
+def test_contacts_are_judged_by_the_parts():
+    """A ball in the notch of an L made of two boxes: 0.2 from both; in the hull it would be inside."""
+    import pandas as pd
+
+    corners = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).reshape(3, -1).T.astype(float)
+    parts = Hulls({0: (corners * [1, 1, 2], corners + np.array([1, 0, 1])), 1: ()})
+    table = pd.DataFrame({"id": [0, 1], "shape": [0, 1], "scale": [1.0, 0.3], "x": [0, 1.5], "y": [0, 0.5]})
+    table = table.assign(z=[0, 0.4], qw=1.0, qx=0.0, qy=0.0, qz=0.0)
+    pair = closest_points(table, parts, 1.0).loc[0]
+    assert pair["gap_um"] == pytest.approx(0.2, abs=1e-6)
+    np.testing.assert_allclose(pair[["nx", "ny", "nz"]].to_numpy(float), [1, 0, 0], atol=1e-5)
