@@ -377,8 +377,9 @@ def test_decisions(switch, called_for, possible, on, words):
 
 
 def test_plan_gives_reason_and_cost_or_saving_of_every_effect():
-    shapes = {"hull_excess": 0.12, "collision_excess": 0.06, "n_spheres": 0, "n_hulls": 4, "n_decomposed": 5}
-    first = {**shapes, "poured": 9, "engine": "PhysX", "steps": 7, "wall_s": 3.0}
+    first = {"poured": 9, "engine": "PhysX", "steps": 7, "wall_s": 3.0}
+    first |= {"n_hulls": 8, "n_decomposed": 1, "n_spheres": 0, "collision_excess": 0.02, "hull_excess": 0.03}
+    first |= {"parameters": {"decomposition": "auto"}}
     first["refinement"] = {**packing.decide("auto", False, "no overlap"), "cost_s": None}
     bed = Bed(0.47)
     plan = deficit(0.47)[1]
@@ -387,14 +388,8 @@ def test_plan_gives_reason_and_cost_or_saving_of_every_effect():
     cement = {**packing.decide("off", False, "no need"), "wall_s": 0.0}
     found = packing.effects_plan(scene(), first, plan, second, scaling, cement)
     assert all(effect["reason"] for effect in found.values())
-    assert {
-        "refinement",
-        "phase_mixing",
-        "virtual_spheres",
-        "densification",
-        "position_scaling",
-        "cement",
-    } <= set(found)
+    optional = "decomposition refinement phase_mixing virtual_spheres densification position_scaling cement"
+    assert set(optional.split()) <= set(found)
     for effect in found.values():
         assert effect["saved_s"] is None or not effect["on"]
         assert effect["cost_s"] is None or effect["on"]

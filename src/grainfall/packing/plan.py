@@ -72,7 +72,6 @@ def effects_plan(
     Estimates: a packing takes as long as the first one, a refined one (half the step) twice as long; a pass
     of scaling as long as its first voxelisation, cement two of them.
     """
-    excess = first["collision_excess"]
     refinement = first["refinement"]
     once = first["wall_s"] - (refinement["cost_s"] or 0.0)
     voxelising = scaling["wall_s"] / scaling["passes"]
@@ -85,11 +84,12 @@ def effects_plan(
             f"{first['poured']} grains poured by {first['engine']}, {first['steps']} steps",
             once,
         ),
-        "collision_shapes": _entry(
-            {"on": True, "forced": False},
+        "decomposition": _entry(
+            {"on": first["n_decomposed"] > 0, "forced": first["parameters"]["decomposition"] != "auto"},
             f"{first['n_hulls']} grains collide as convex hulls, {first['n_decomposed']} as convex parts, "
-            f"{first['n_spheres']} as spheres: on average {100 * excess:.1f} % larger than the grains "
-            f"(hulls alone {100 * first['hull_excess']:.1f} %), porosity that true shapes would not leave",
+            f"{first['n_spheres']} as spheres: on average {100 * first['collision_excess']:.1f} % larger "
+            f"than the grains (hulls alone {100 * first['hull_excess']:.1f} %), porosity that true shapes "
+            "would not leave",
         ),
         "refinement": _entry(refinement, cost_s=refinement["cost_s"], saved_s=2 * once),
         "phase_mixing": _entry(scene["phase_mixing"]),

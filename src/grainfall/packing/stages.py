@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -38,10 +37,12 @@ Packing = tuple[pd.DataFrame, dict]
 
 def parameters_of(packing: Mapping, effects: Mapping) -> Parameters:
     """The parameters that the config's ``packing`` and ``effects`` ask for."""
-    overrides = dict(packing["overrides"])
-    if "decomposition" in {field.name for field in fields(Parameters)}:
-        overrides["decomposition"] = effects["decomposition"]
-    return Parameters.named(packing["parameters"], engine=packing["engine"], **overrides)
+    return Parameters.named(
+        packing["parameters"],
+        engine=packing["engine"],
+        decomposition=effects["decomposition"],
+        **packing["overrides"],
+    )
 
 
 def pack(
