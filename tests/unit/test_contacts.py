@@ -250,7 +250,7 @@ def test_forces_go_to_their_contacts():
 
 
 def test_a_grain_that_leans_on_a_sphere_loses_support_with_it():
-    """Grain 0 on grains 1, 2 and sphere 3; grain 4 on grains 1, 2, 5 and the sphere; the rest too few anyway."""
+    """Grain 0 leans on grains 1, 2 and sphere 3; grain 4 on grains 1, 2, 5 and the sphere."""
     kind = ["grain", "grain", "grain", "virtual", "grain", "grain"]
     packed = pd.DataFrame({"id": range(6), "kind": kind, "x": 1.0, "y": 1.0, "z": 1.0})
     pairs = [(0, 1), (0, 2), (0, 3), (1, 4), (2, 4), (3, 4), (4, 5)]
