@@ -170,10 +170,10 @@ def plan_deficit(
 ) -> tuple[VirtualSizes, dict]:
     """What the first packing lacks of the target, and the virtual spheres that would make up for it.
 
-    Spheres are called for by the porosity or by the large pores. Where the spheres that the porosity asks for
-    leave room for the large pores too, they have all the radii that the first packing is short of. Where the
-    large pores ask for more than that (vugs in a dense rock), the spheres have the radii of the tail alone
-    and keep their share, and the grains about them must be packed denser.
+    Spheres are called for by the porosity or by the large pores. Where the porosity calls for them, they have
+    all the radii that the first packing is short of, as many as the porosity wants. Where only the large pores
+    do (vugs in a dense rock), they have the radii of the tail alone and keep their share, and the grains about
+    them may have to be packed denser.
 
     Parameters
     ----------
@@ -203,7 +203,7 @@ def plan_deficit(
     short = wanted - porosity_first
     # Pores of the volume share v in a matrix of the first packing's porosity.
     with_tail = tail.share + (1 - tail.share) * porosity_first
-    for_tail = tail.exceeds and (short <= limit or with_tail > wanted + limit)
+    for_tail = tail.exceeds and short <= limit
     radius = (3 * mean_grain_volume / (4 * np.pi)) ** (1 / 3)
     sizes = virtual_sizes(
         target,
