@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
@@ -34,25 +32,18 @@ def decompose(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, ...]
     -------
     tuple of (k, 3) ndarray
         Vertices of the pieces, at most :data:`MOST_PIECES`; none where the mesh is not a closed surface that
-        can be cut. The same mesh gives the same bytes, and is cut once in a run.
+        can be cut. The same mesh gives the same bytes.
 
     Notes
     -----
     Wei, Liu, Ling & Su (2022), ACM Trans. Graph. 41, 42: cuts by planes, found by a tree search that
     minimises the Hausdorff distance of the pieces from their hulls.
     """
-    return _decompose(
-        np.ascontiguousarray(vertices, np.float64).tobytes(), np.ascontiguousarray(faces, np.int32).tobytes()
-    )
-
-
-@lru_cache(maxsize=4096)
-def _decompose(vertices: bytes, faces: bytes) -> tuple[np.ndarray, ...]:
     import coacd
     import trimesh
 
-    points = np.frombuffer(vertices).reshape(-1, 3)
-    triangles = np.frombuffer(faces, np.int32).reshape(-1, 3)
+    points = np.ascontiguousarray(vertices, np.float64)
+    triangles = np.ascontiguousarray(faces, np.int32)
     mesh = trimesh.Trimesh(points, triangles, process=False)
     # CoACD cuts what it takes for a solid: an open or inside-out surface is none
     if not (mesh.is_watertight and mesh.is_winding_consistent and mesh.volume > 0):
