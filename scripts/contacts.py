@@ -12,10 +12,7 @@ with stage(snakemake) as progress:
     voxel = attributes["voxel_size_um"]
     size = tuple(np.array(volume.shape[::-1]) * voxel)
     settings = snakemake.params.settings
-    setting = settings["packing"]
-    parameters = packing.Parameters.named(
-        setting["parameters"], engine=setting["engine"], **setting["overrides"]
-    )
+    parameters = packing.parameters_of(settings["packing"], settings["effects"])
     table = contacts.find_contacts(
         bodies,
         library,

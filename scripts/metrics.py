@@ -25,7 +25,7 @@ with stage(snakemake) as progress:
     radial = s2_volume[s2_volume.axis.isin(list("xyz"))].groupby("lag_um", as_index=False).s2.mean()
     packing = report.packing_values(
         scene,
-        io.read_json(files.spheres),
+        io.read_json(files.deficit),
         io.read_json(files.second),
         io.read_json(files.correction),
         table("bodies"),

@@ -4,8 +4,8 @@
         [--out results/benchmarks/decomposition.csv]
 
 Shape sets: L and star (axis crosses of six arms) of cubes, and the grains of a section (an instance image)
-where one is named. Porosity is that of the true meshes, on voxels. Printed besides: the difference in porosity of
-parts and hulls, paired by seed, with its 95 % interval. Columns: shape_set, decomposition, seed,
+where one is named. Porosity is that of the true meshes, on voxels. Printed besides: the difference in
+porosity of parts and hulls, paired by seed, with its 95 % interval. Columns: shape_set, decomposition, seed,
 n_bodies, porosity, hull_excess, collision_excess (means over the grains), decomposed (share of the grains),
 pieces (mean over those), max_overlap (hulls, or parts of decomposed grains; smaller radii), engine_overlap
 (collision shapes), asleep, steps, wall_s.
@@ -98,7 +98,7 @@ def section_grains(image: Path, n: int) -> Library:
 
 
 def difference(table: pd.DataFrame, of: str, against: str = "off") -> pd.DataFrame:
-    """Porosity with ``of`` minus that with ``against``, by shape set: mean over the seeds, 95 % half-width."""
+    """Porosity with ``of`` minus that with ``against``, by shape set: mean, 95 % half-width."""
     porosity = table.pivot_table(index=["shape_set", "seed"], columns="decomposition", values="porosity")
     paired = (porosity[of] - porosity[against]).groupby("shape_set", sort=False).agg(["mean", "sem", "size"])
     return paired.assign(half_width=paired["sem"] * student.ppf(0.975, paired["size"] - 1))
@@ -127,9 +127,8 @@ def main() -> None:
     io.write_table(given.out, table)
     print(table.groupby(["shape_set", "decomposition"], sort=False).mean(numeric_only=True).T.to_string())
     for decomposition in ("auto", "on"):
-        print(
-            f"\nporosity, {decomposition} minus off", difference(table, decomposition).to_string(), sep="\n"
-        )
+        print(f"\nporosity, {decomposition} minus off")
+        print(difference(table, decomposition).to_string())
 
 
 if __name__ == "__main__":

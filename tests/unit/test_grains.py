@@ -409,8 +409,8 @@ def test_pieces_survive_the_files(tmp_path):
         grains.Library([ball] * 3, [faces] * 3, table, pieces=cuts).save(tmp_path)
         loaded = grains.Library.load(tmp_path).pieces
         assert [len(c) for c in loaded] == [len(c) for c in cuts]
-        for found, given in zip(loaded, cuts, strict=True):
-            assert all(np.array_equal(f, g) for f, g in zip(found, given, strict=True))
+        for found, saved in zip(loaded, cuts, strict=True):
+            assert all(np.array_equal(f, s) for f, s in zip(found, saved, strict=True))
 
 
 def test_library_shapes_have_pieces_where_their_hulls_are_too_large(library):

@@ -144,11 +144,13 @@ def make_sample(root: Path, name="demo", variants=("full", "bullet"), realizatio
             spheres = np.where((volume > 0) & (body % 5 == 0), 255, volume).astype(np.uint8)
             io.write_volume(twin / "second" / "volume.zarr.zip", {"phase": spheres}, PIXEL)
             io.write_json(twin / "first" / "packing.json", {"steps": 900, "unit_um": 12.5})
-            io.write_json(twin / "second" / "packing.json", {"steps": 1200, "passes": [{"p_sp": 0.1}]})
+            io.write_json(twin / "second" / "packing.json", {"steps": 1200, "p_sp": 0.12, "passes": []})
             io.write_json(
                 twin / "plan.json",
-                {"virtual_spheres": {"on": True, "reason": "porosity 0.36 < 0.40", "cost_s": 12.0},
-                 "correction": {"on": False, "reason": "gap 0.06 > 0.01", "cost_s": None}},
+                {"virtual_spheres": {"on": True, "forced": False, "reason": "porosity 0.36 < 0.40",
+                                     "cost_s": 12.0, "saved_s": None},
+                 "cement": {"on": False, "forced": True, "reason": "gap 0.06 > 0.01",
+                            "cost_s": None, "saved_s": 3.5}},
             )  # fmt: skip
             spheres_table = histogram("pore", 0, 6, rng)
             io.write_table(
@@ -158,7 +160,6 @@ def make_sample(root: Path, name="demo", variants=("full", "bullet"), realizatio
                     difference=lambda t: t["target"] - t["first"],
                     used=lambda t: t["difference"].clip(lower=0)),
             )  # fmt: skip
-            io.write_json(twin / "virtual_spheres.json", {"p_sp": 0.12})
             io.write_table(
                 twin / "bodies.csv",
                 pd.DataFrame({"id": range(40), "kind": "grain", "phase": [1, 2] * 20,

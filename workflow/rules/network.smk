@@ -91,7 +91,7 @@ rule contacts:
         mem_mb=3000,
         runtime=60,
     params:
-        settings=settings("contacts", "packing"),
+        settings=settings("contacts", "packing", "effects"),
         science=science("contacts"),
     script:
         "../../scripts/contacts.py"

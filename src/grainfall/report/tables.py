@@ -54,7 +54,8 @@ METRICS: dict[str, Metric] = {
     "porosity_second": Metric("porosity of the second packing", source="second/packing.json"),
     "n_grains": Metric("grains in the region of interest", "grains", "bodies.csv"),
     "n_virtual": Metric("virtual spheres poured", "spheres", "second/bodies.csv"),
-    "p_sp": Metric("share of virtual spheres among poured bodies", source="virtual_spheres.json"),
+    "p_sp": Metric("share of virtual spheres among poured bodies", source="second/packing.json"),
+    "cement_share": Metric("cement, share of the region", source="twin.zarr.zip"),
     "asleep": Metric("share of bodies at rest", source="bodies.csv", low=1.0),
     "scale_factor": Metric("final scaling of positions", source="correction.json"),
     "contacts_before": Metric("contacts before the final scaling", "contacts", "correction.json"),
@@ -176,7 +177,7 @@ def summary_row(
 
 def packing_values(
     scene: Mapping,
-    spheres: Mapping,
+    deficit: Mapping,
     second: Mapping,
     correction: Mapping,
     bodies: pd.DataFrame,
@@ -186,8 +187,8 @@ def packing_values(
 
     Parameters
     ----------
-    scene, spheres, second, correction : mapping
-        scene.json, virtual_spheres.json, second/packing.json, correction.json.
+    scene, deficit, second, correction : mapping
+        scene.json, deficit.json, second/packing.json, correction.json.
     bodies : DataFrame
         bodies.csv.
     phase : ndarray of uint8, (z, y, x)
@@ -199,11 +200,12 @@ def packing_values(
     return {
         "porosity": float((phase == 0).mean()),
         "porosity_target": scene["porosity_target"],
-        "porosity_first": spheres["porosity_first"],
+        "porosity_first": deficit["porosity_first"],
         "porosity_second": before["porosity"],
         "n_grains": int(((centre >= 0) & (centre < size)).all(axis=1).sum()),
         "n_virtual": second["poured"] - second["poured_grains"],
         "p_sp": second["p_sp"],
+        "cement_share": np.count_nonzero(phase >= len(scene["phases"])) / phase.size,
         "asleep": float(bodies["asleep"].mean()),
         "scale_factor": correction["scale_factor"],
         **{f"{name}_before": before[name] for name in ("contacts", "euler")},
