@@ -84,9 +84,7 @@ def test_an_l_nests_over_a_peg_where_its_hull_does_not(ell, engine, decompositio
 @pytest.mark.parametrize("decomposition", ["auto", "on", "off"])
 def test_a_convex_grain_stays_one_piece(decomposition):
     for grain in (trimesh.creation.box([1, 2, 3]), trimesh.creation.icosphere(3).apply_scale([1, 1.2, 0.7])):
-        shape = collision_shape(
-            np.array(grain.vertices), np.array(grain.faces), Parameters(decomposition=decomposition)
-        )
+        shape = shape_of((np.array(grain.vertices), np.array(grain.faces)), decomposition)
         assert shape.kind == "hull"
         assert len(shape.parts) == 1
 
@@ -106,8 +104,9 @@ def test_a_ball_collides_as_a_sphere_and_an_ellipsoid_does_not():
         ((0.1, 0.03, 0.5, "auto", 0.1), "hull"),
         ((0.2, 0.03, 0.5, "off", 0.1), "hull"),
         ((0.01, 0.03, 0.5, "on", 0.1), "parts"),
-        ((0.0, 0.03, 0.005, "auto", 0.1), "sphere"),
-        ((0.0, 0.001, 0.005, "auto", 0.1), "hull"),
+        ((0.0, 0.03, 0.002, "auto", 0.1), "sphere"),
+        ((0.0, 0.03, 0.010, "auto", 0.1), "hull"),
+        ((0.0, 0.001, 0.002, "auto", 0.1), "hull"),
     ],
 )
 def test_the_choice_follows_its_measures(figures, kind):

@@ -19,8 +19,13 @@ if TYPE_CHECKING:
 SPHERE = -1
 """Shape id of a sphere, which is in no library."""
 
-SPHERE_DEVIATION = 0.01
-"""Distance of a mesh from its equal-volume sphere, in radii, up to which it may collide as that sphere."""
+SPHERE_DEVIATION = 0.003
+"""Distance of a mesh from its equal-volume sphere, in radii, up to which it collides as that sphere.
+
+That of a sphere's own mesh of 642 vertices, so exact spheres only. Grains within 0.01 of one take a third of
+the time as spheres, but pack to a porosity lower by 0.016 +- 0.027 than as hulls of 64 vertices (three paired
+beds of 690): no bias is shown, nor its absence.
+"""
 
 
 @dataclass(frozen=True)
