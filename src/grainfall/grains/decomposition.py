@@ -16,8 +16,8 @@ Grains of a thin section with a mean hull excess of 0.159 (those above 0.1) keep
 
 SEARCH = {"mcts_iterations": 20, "mcts_nodes": 20, "mcts_max_depth": 2, "resolution": 500}
 """A coarser search for cuts than CoACD's own. Halved once more, to 10 iterations and nodes, grains of a thin
-section kept the same excess within 0.003 in 3.8 pieces for 3.3 and took 8 % less time, but an L of three cubes
-was cut beside its corner."""
+section kept the same excess within 0.003 in 3.8 pieces for 3.3 and took 8 % less time, but an L of three
+cubes was cut beside its corner."""
 
 
 def decompose(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, ...]:

@@ -249,8 +249,8 @@ CHOICES = {
 }
 
 MOST_VERTICES = 128
-"""A hull of n vertices has up to 2 n - 4 facets, and PhysX holds 255: of a larger one it cuts corners, without
-a word. Rounded grains of 255 vertices at rest overlapped by up to 0.09 of a radius, of 64 by 0.002."""
+"""A hull of n vertices has up to 2 n - 4 facets, and PhysX holds 255: of a larger one it cuts corners without
+saying so. Rounded grains of 255 vertices at rest overlapped by up to 0.09 of a radius, of 64 by 0.002."""
 
 ENGINES = {"bullet": {"solver_iterations": 100}}
 """What an engine needs otherwise: with 20 of its iterations, 439 hulls at rest in Bullet overlapped by up to
