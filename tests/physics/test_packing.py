@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import grainfall
 from grainfall.errors import InputError
+from grainfall.grains import Library
 from grainfall.packing import Parameters, container, deposit
 from grainfall.packing.engine import Solid, start
 from grainfall.packing.shapes import collision_shape, reduce_hull, unit_sphere
@@ -21,17 +21,11 @@ from grainfall.packing.shapes import collision_shape, reduce_hull, unit_sphere
 ENGINES = ["physx", "bullet"]
 
 
-@dataclass
-class Library:
-    vertices: list
-    faces: list
-
-
 @pytest.fixture(scope="module")
 def library() -> Library:
     """Ellipsoids cut by random planes, equal-volume radius 1, centre of mass at the origin."""
     rng = np.random.default_rng(5)
-    found = Library([], [])
+    vertices, faces = [], []
     for _ in range(8):
         ball = trimesh.creation.icosphere(2)
         v = np.array(ball.vertices) * rng.uniform(0.75, 1.25, 3)
@@ -41,9 +35,9 @@ def library() -> Library:
             v -= np.maximum(v @ d - rng.uniform(0.6, 0.9) * (v @ d).max(), 0)[:, None] * d
         mesh = trimesh.Trimesh(v, ball.faces, process=False)
         v = (v - mesh.center_mass) / (mesh.volume / (4 * np.pi / 3)) ** (1 / 3)
-        found.vertices.append(v)
-        found.faces.append(np.array(ball.faces))
-    return found
+        vertices.append(v)
+        faces.append(np.array(ball.faces, np.int32))
+    return Library(vertices, faces, pd.DataFrame({"shape": range(8)}))
 
 
 def supply(n: int, shapes: int, radii=50.0) -> pd.DataFrame:

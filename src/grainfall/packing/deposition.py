@@ -122,7 +122,6 @@ class Report:
     n_spheres: int = 0
     n_hulls: int = 0
     n_decomposed: int = 0
-    decomposition_s: float = 0.0
     hull_excess: float = 0.0
     collision_excess: float = 0.0
     hull_deviation: float = 0.0
@@ -474,7 +473,6 @@ class _Deposition:
         report.n_spheres, report.n_hulls, report.n_decomposed = (
             kinds[kind] for kind in ("sphere", "hull", "parts")
         )
-        report.decomposition_s = sum(shape.seconds for shape in bed.shapes.values())
         used = [bed.shapes[s] for s in bed.shape if s != SPHERE]
         if used:
             report.hull_excess = float(np.mean([s.hull_excess for s in used]))

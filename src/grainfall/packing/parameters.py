@@ -64,12 +64,12 @@ class Parameters:
         overlaps of the true hulls were 0.09 of the smaller radius at 48 vertices, 0.04 at 96, 0.03 at 160. A
         step costs about as the number of vertices.
     decomposition : {"auto", "on", "off"}
-        Whether grains collide as several convex parts: where their hull's excess calls for it, all that are
-        not convex, or none.
+        Whether grains collide as several convex parts: where their hull's excess calls for it, all that the
+        library has pieces of, or none.
     hull_excess : float
         Volume of the convex hull over the grain's own, minus 1, above which ``auto`` decomposes. What a hull
         has in excess stays empty and counts as porosity. Decomposed grains of a thin section keep an excess
-        of 0.055 (``decomposition.CONCAVITY``), so a tolerance below that would gain little.
+        of 0.066 (``grains.decomposition.CONCAVITY``), so a tolerance below that would gain little.
     contact_offset : float
         Distance, engine units, at which PhysX starts to build a contact (speculative: it does not hold grains
         apart). Every pair within it is examined in every step: 0.1 costs a third more time than 0.02.
@@ -161,8 +161,10 @@ class Parameters:
                 raise InputError(
                     f"packing.{name}", f"{getattr(self, name)!r} is too few", f"at least {least}"
                 )
-        if not 8 <= self.hull_vertices <= 255:
-            raise InputError("packing.hull_vertices", f"{self.hull_vertices!r} is out of range", "8 to 255")
+        if not 8 <= self.hull_vertices <= MOST_VERTICES:
+            raise InputError(
+                "packing.hull_vertices", f"{self.hull_vertices!r} is out of range", f"8 to {MOST_VERTICES}"
+            )
 
     def lubricated(self, factor: float) -> Parameters:
         """These with both friction coefficients times ``factor``."""
@@ -245,6 +247,10 @@ CHOICES = {
     "contact_manifold": ("full", "persistent"),
     "decomposition": ("auto", "on", "off"),
 }
+
+MOST_VERTICES = 128
+"""A hull of n vertices has up to 2 n - 4 facets, and PhysX holds 255: of a larger one it cuts corners without
+saying so. Rounded grains of 255 vertices at rest overlapped by up to 0.09 of a radius, of 64 by 0.002."""
 
 ENGINES = {"bullet": {"solver_iterations": 100}}
 """What an engine needs otherwise: with 20 of its iterations, 439 hulls at rest in Bullet overlapped by up to
