@@ -53,7 +53,7 @@ TEXTS = {
         "What carries the grains",
         "Packing",
         "Contacts between grains in a slab two mean grains thick through the middle of the twin, seen from "
-        "the side: each line joins two centres, as thick as the force between them in the second packing. "
+        "the side: lines join two centres, as thick as the force between them in the second packing. "
         "Contacts that carry nothing are thin grey lines.",
         "A network of lines between grain centres, thicker where the contact force is larger.",
         "The contacts have not been found yet.",
