@@ -93,7 +93,7 @@ def union_volume(pieces: tuple[np.ndarray, ...], n: int = 64) -> float:
 
 
 def _crossings(piece: np.ndarray, lines: np.ndarray) -> np.ndarray:
-    """Lowest and highest z (m, 2) of a convex piece on the vertical lines at (x, y), alike where they miss."""
+    """Lowest and highest z (m, 2) of a convex piece on vertical lines at (x, y); alike where they miss it."""
     planes = ConvexHull(piece).equations
     outside = lines @ planes[:, :2].T + planes[:, 3]
     up, down = planes[:, 2] > 1e-12, planes[:, 2] < -1e-12
