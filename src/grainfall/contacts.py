@@ -51,6 +51,7 @@ def find_contacts(
     tolerance: float = TOLERANCE,
     parameters: Parameters | None = None,
     packed: pd.DataFrame | None = None,
+    forces: pd.DataFrame | None = None,
 ) -> pd.DataFrame:
     """Pairs of grains in contact, wherever they lie.
 
@@ -74,14 +75,16 @@ def find_contacts(
         The bodies as they came to rest, before positions were scaled to the target porosity. That moves
         neighbours apart (or into each other) by up to half a percent of their distance, again more than the
         tolerance: contacts and gaps are then those of the packing, located in the scaled one.
+    forces : DataFrame, optional
+        Normal forces in the packing as it came to rest, virtual spheres included: a < b (ids), force_n.
 
     Returns
     -------
     DataFrame
         A row a pair, by ids: grain_a < grain_b, phase_a, phase_b; x, y, z (um, midway between the closest
         points); nx, ny, nz (unit normal from a to b); area_um2 (of the voxel faces that the two share; empty
-        where the contact lies outside the volume); force_n (empty: packing does not report forces); gap_um
-        (negative: depth of penetration).
+        where the contact lies outside the volume); force_n (normal force, 0 where the two touch and carry
+        nothing; empty without ``forces``); gap_um (negative: depth of penetration).
     """
     grains = bodies[bodies["kind"] == "grain"]
     limit = tolerance * 2 * grains["scale"].mean() if len(grains) else 0.0
@@ -106,6 +109,10 @@ def find_contacts(
         inside = _inside(table, size)
         table["area_um2"] = np.where(np.isnan(found) & inside, 0.0, found)
     table["force_n"] = np.nan
+    if forces is not None:
+        known = forces.set_index(["a", "b"])["force_n"]
+        found = known.reindex(pd.MultiIndex.from_frame(table[["grain_a", "grain_b"]]))
+        table["force_n"] = found.fillna(0.0).to_numpy()
     table["gap_um"] = pairs["gap_um"]
     return table.sort_values(["grain_a", "grain_b"], ignore_index=True)
 
@@ -430,6 +437,45 @@ def coordination(
         mean = degree[bearing].mean() if bearing.any() else np.nan
         rows.append((int(which), n, mean, 1 - np.count_nonzero(bearing) / n if n else np.nan))
     return pd.DataFrame(rows, columns=["phase", "n_grains", "coordination", "rattlers"])
+
+
+def lost_support(
+    forces: pd.DataFrame, packed: pd.DataFrame, size_um: tuple[float, float, float] | None = None
+) -> dict:
+    """How many grains leaned on virtual spheres and cannot stand without them.
+
+    A grain is carried by bodies that press on it; :data:`RATTLER_CONTACTS` of them hold it up. A grain that
+    had so many and has fewer once the spheres are gone has lost its support (what it leans on may itself
+    fall: :func:`grainfall.packing.settle` shows what becomes of that).
+
+    Parameters
+    ----------
+    forces : DataFrame
+        a, b (ids), force_n of the packing as it came to rest, spheres included.
+    packed : DataFrame
+        Its bodies (columns of bodies.csv).
+    size_um : (float, float, float), optional
+        Size of the region of interest along x, y, z: grains centred in it are counted.
+
+    Returns
+    -------
+    dict
+        on_spheres: share of grains that touch a sphere with force; lost_support: share of grains that lost
+        theirs. None without grains.
+    """
+    grains = packed[packed["kind"] == "grain"]
+    if size_um is not None:
+        grains = grains[_inside(grains, np.asarray(size_um, float))]
+    if grains.empty:
+        return {"on_spheres": None, "lost_support": None}
+    pressing = forces[forces["force_n"] > 0]
+    pairs = np.vstack([pressing[["a", "b"]].to_numpy(int), pressing[["b", "a"]].to_numpy(int)])
+    virtual = np.isin(pairs[:, 1], packed.loc[packed["kind"] == "virtual", "id"])
+    n = int(packed["id"].max()) + 1
+    every, spheres = (np.bincount(pairs[which, 0], minlength=n) for which in (slice(None), virtual))
+    every, spheres = every[grains["id"]], spheres[grains["id"]]
+    lost = (every >= RATTLER_CONTACTS) & (every - spheres < RATTLER_CONTACTS)
+    return {"on_spheres": float((spheres > 0).mean()), "lost_support": float(lost.mean())}
 
 
 def max_overlap(

@@ -262,3 +262,24 @@ def test_published_pack_has_its_coordination_numbers(shared_data):
     assert np.count_nonzero(inner) > 200
     assert np.array_equal(degree[inner], number[inner])
     assert 0 < contacts.max_overlap(table, library()) < 0.05
+
+
+def test_forces_go_to_their_contacts():
+    row = bodies([[0, 0, 0], [100, 0, 0], [200, 0, 0]], 50.0)
+    forces = pd.DataFrame({"a": [0], "b": [1], "force_n": [2.5]})
+    table = contacts.find_contacts(row, library(), None, 1.0, forces=forces)
+    assert table["force_n"].tolist() == [2.5, 0.0]
+    assert contacts.find_contacts(row, library(), None, 1.0)["force_n"].isna().all()
+
+
+def test_a_grain_that_leans_on_a_sphere_loses_support_with_it():
+    """Grain 0 leans on grains 1, 2 and sphere 3; grain 4 on grains 1, 2, 5 and the sphere."""
+    kind = ["grain", "grain", "grain", "virtual", "grain", "grain"]
+    packed = pd.DataFrame({"id": range(6), "kind": kind, "x": 1.0, "y": 1.0, "z": 1.0})
+    pairs = [(0, 1), (0, 2), (0, 3), (1, 4), (2, 4), (3, 4), (4, 5)]
+    forces = pd.DataFrame(pairs, columns=["a", "b"]).assign(force_n=1.0)
+    found = contacts.lost_support(forces, packed)
+    assert found == {"on_spheres": pytest.approx(2 / 5), "lost_support": pytest.approx(1 / 5)}
+    unloaded = forces.assign(force_n=0.0)
+    assert contacts.lost_support(unloaded, packed) == {"on_spheres": 0.0, "lost_support": 0.0}
+    assert contacts.lost_support(forces, packed[packed["kind"] == "virtual"])["lost_support"] is None

@@ -172,10 +172,14 @@ def test_spheres_where_porosity_or_large_pores_exceed_the_first_packing(first, o
         assert found["p_sp"] == pytest.approx(1 / (1 + k))
 
 
-def test_vugs_that_the_porosity_makes_room_for_need_no_spheres_of_their_own():
-    _, plan = deficit(0.30, tail=VUGS)
-    assert plan["virtual_spheres"]["on"]
-    assert not plan["virtual_spheres"]["for_tail"]
+@pytest.mark.parametrize("share", [0.02, 0.3])
+def test_where_the_porosity_calls_for_spheres_it_sets_their_share(share):
+    """However large the tail: a bed that has to become looser is not to be packed denser."""
+    vugs = packing.PoreTail(20.0, 8.0, 5.0, share)
+    assert deficit(0.30, tail=vugs)[1]["virtual_spheres"]["on"]
+    without, found = (deficit(0.30, tail=tail)[1]["virtual_spheres"] for tail in (NO_TAIL, vugs))
+    assert not found["for_tail"]
+    assert found["p_sp"] == without["p_sp"]
 
 
 def test_spheres_for_vugs_are_no_smaller_than_vugs():

@@ -79,6 +79,16 @@ def settle(
     }
 
 
+def moved_share(before: pd.DataFrame, after: pd.DataFrame, limit: float = 0.1) -> float:
+    """Share of bodies (same rows) whose way is longer than ``limit`` of their own radius."""
+    way = np.linalg.norm(after[["x", "y", "z"]].to_numpy() - before[["x", "y", "z"]].to_numpy(), axis=1)
+    return float((way > limit * before["scale"].to_numpy()).mean())
+
+
+RESETTLING_WINDOWS = 40
+"""Windows in which a skeleton without its virtual spheres may come to rest: it may have to fall."""
+
+
 def part(bed: Bed) -> None:
     """Lift bodies that lie deep in others out of the bed, onto a grid of places above it.
 

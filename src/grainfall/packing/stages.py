@@ -45,6 +45,11 @@ def parameters_of(packing: Mapping, effects: Mapping) -> Parameters:
     )
 
 
+def box_of(scene: Mapping) -> Box:
+    """The container of a scene."""
+    return Box((scene["edge_um"],) * 3, scene["margin_um"])
+
+
 def pack(
     scene: Mapping,
     sizes: Mapping[tuple[int, str], SizeDistribution],
@@ -84,7 +89,8 @@ def pack(
     bodies : DataFrame
         Columns of bodies.csv, um from the corner of the region of interest.
     report : dict
-        Content of packing.json; ``forces`` are the normal forces between bodies: a, b (ids), force_n.
+        Content of packing.json, and ``forces``: a DataFrame of normal forces between bodies, a, b (ids) and
+        force_n.
     """
     mixture = Mixture(
         {n: sizes[n, "grain"] for n in range(1, len(scene["phases"]))},
@@ -93,7 +99,7 @@ def pack(
         spheres if p_sphere > 0 else None,
         p_sphere,
     )
-    box = Box((scene["edge_um"],) * 3, scene["margin_um"])
+    box = box_of(scene)
     share = scene["edge_um"] ** 2 / np.prod(box.sides_um)
     population = draw_zones(mixture, library, box.solid_um3(), share, rng)
 
@@ -102,12 +108,12 @@ def pack(
 
     bodies = deposit(population, library, box, parameters, rng, tell if progress else None, checkpoints)
     report = {**bodies.attrs.pop("report"), "p_sp": float(p_sphere)}
-    report["forces"] = bodies.attrs.pop("forces")
+    report["forces"] = pd.DataFrame(bodies.attrs.pop("forces"))
     if taps:
         bodies, tapped = settle(bodies, library, box, parameters, taps=taps, progress=progress)
         report |= {
             "rest": {**report["rest"], **{k: tapped[k] for k in report["rest"] if k in tapped}},
-            "forces": tapped["forces"].to_dict("list"),
+            "forces": tapped["forces"],
             "asleep": int(bodies["asleep"].sum()),
             "wall_s": report["wall_s"] + tapped["wall_s"],
             **{k: tapped[k] for k in ("escaped", "max_overlap", "mean_overlap")},
@@ -164,10 +170,10 @@ def plan_deficit(
 ) -> tuple[VirtualSizes, dict]:
     """What the first packing lacks of the target, and the virtual spheres that would make up for it.
 
-    Spheres are called for by the porosity or by the large pores. Where the spheres that the porosity asks for
-    leave room for the large pores too, they have all the radii that the first packing is short of. Where the
-    large pores ask for more than that (vugs in a dense rock), the spheres have the radii of the tail alone
-    and keep their share, and the grains about them must be packed denser.
+    Spheres are called for by the porosity or by the large pores. Where the porosity calls for them, they have
+    all the radii that the first packing is short of, as many as the porosity wants. Where only the large pores
+    do (vugs in a dense rock), they have the radii of the tail alone and keep their share, and the grains about
+    them may have to be packed denser.
 
     Parameters
     ----------
@@ -197,7 +203,7 @@ def plan_deficit(
     short = wanted - porosity_first
     # Pores of the volume share v in a matrix of the first packing's porosity.
     with_tail = tail.share + (1 - tail.share) * porosity_first
-    for_tail = tail.exceeds and (short <= limit or with_tail > wanted + limit)
+    for_tail = tail.exceeds and short <= limit
     radius = (3 * mean_grain_volume / (4 * np.pi)) ** (1 / 3)
     sizes = virtual_sizes(
         target,
