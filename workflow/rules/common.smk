@@ -153,7 +153,7 @@ def where_checked(path):
     """An input function: ``path`` of a twin whose skeleton is settled anew as a check, else nothing."""
 
     def of(wildcards):
-        checked = int(wildcards.realization) < config["contacts"]["resettled"]
+        checked = int(wildcards.realization) < CONFIG["contacts"]["resettled"]
         return expand(f"{TWIN}/{path}", **dict(wildcards.items())) if checked else []
 
     return of
