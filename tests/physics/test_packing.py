@@ -16,6 +16,7 @@ from grainfall.errors import InputError
 from grainfall.grains import Library
 from grainfall.packing import Parameters, container, deposit
 from grainfall.packing.engine import Solid, start
+from grainfall.packing.parameters import MOST_VERTICES
 from grainfall.packing.shapes import collision_shape, reduce_hull, unit_sphere
 
 ENGINES = ["physx", "bullet"]
@@ -318,3 +319,21 @@ print(module.PhysX.version)
         text=True,
     )
     assert "PhysX" in done.stdout, done.stderr
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("vertices", [32, MOST_VERTICES])
+def test_the_engine_collides_the_hull_it_is_given(engine, vertices):
+    """At rest on the floor a rounded grain touches it with its lowest vertex, in any attitude."""
+    ball = trimesh.creation.icosphere(3)
+    hull = reduce_hull(np.array(ball.vertices) * [1.1, 1.0, 0.92], vertices)
+    assert len(hull) == vertices
+    for turn in Rotation.random(4, rng=np.random.default_rng(0)):
+        box = start(Parameters.named(engine=engine), 10, 10)
+        quaternion = turn.as_quat(scalar_first=True)
+        box.add(Solid((hull,), 1.2, 4.0, np.full(3, 1.6)), np.array([5, 5, 1.3]), quaternion, np.zeros(3))
+        box.step(600)
+        state = box.state()
+        lying = Rotation.from_quat(state.quaternion[0], scalar_first=True).apply(hull) + state.position[0]
+        assert lying[:, 2].min() == pytest.approx(0, abs=0.002)
+        box.close()

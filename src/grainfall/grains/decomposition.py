@@ -72,23 +72,32 @@ def _solid(points: np.ndarray) -> bool:
 
 
 def union_volume(pieces: tuple[np.ndarray, ...], n: int = 64) -> float:
-    """Volume of the union of convex pieces, by counting points of a grid of ``n`` a side.
+    """Volume of the union of convex pieces, from the lengths inside it of ``n`` by ``n`` vertical lines.
 
     Parameters
     ----------
     pieces : tuple of (k, 3) ndarray
     n : int
-        The error of the volume is near 0.3 / n of it for compact solids.
+        The error of the volume of a ball is near 1e-3 of it with 64 lines a side.
     """
     low = np.min([piece.min(axis=0) for piece in pieces], axis=0)
     high = np.max([piece.max(axis=0) for piece in pieces], axis=0)
-    axes = [a + (np.arange(n) + 0.5) / n * (b - a) for a, b in zip(low, high, strict=True)]
-    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    inside = np.zeros(len(grid), bool)
-    for piece in pieces:
-        planes = ConvexHull(piece).equations
-        open_ = np.flatnonzero(
-            ~inside & (grid >= piece.min(axis=0)).all(axis=1) & (grid <= piece.max(axis=0)).all(axis=1)
-        )
-        inside[open_] = (grid[open_] @ planes[:, :3].T + planes[:, 3] <= 0).all(axis=1)
-    return float(inside.mean() * (high - low).prod())
+    cell = (high[:2] - low[:2]) / n
+    axes = [start + (np.arange(n) + 0.5) * step for start, step in zip(low, cell, strict=False)]
+    lines = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+    intervals = np.array([_crossings(piece, lines) for piece in pieces])  # (pieces, lines, 2)
+    order = intervals[..., 0].argsort(axis=0)
+    starts, ends = np.take_along_axis(intervals, order[..., None], axis=0).transpose(2, 0, 1)
+    reached = np.maximum.accumulate(np.vstack([np.full((1, len(lines)), low[2]), ends]), axis=0)
+    return float(np.maximum(ends - np.maximum(starts, reached[:-1]), 0).sum() * cell.prod())
+
+
+def _crossings(piece: np.ndarray, lines: np.ndarray) -> np.ndarray:
+    """Lowest and highest z (m, 2) of a convex piece on vertical lines at (x, y); alike where they miss it."""
+    planes = ConvexHull(piece).equations
+    outside = lines @ planes[:, :2].T + planes[:, 3]
+    up, down = planes[:, 2] > 1e-12, planes[:, 2] < -1e-12
+    top = (-outside[:, up] / planes[up, 2]).min(axis=1)
+    bottom = (-outside[:, down] / planes[down, 2]).max(axis=1)
+    beside = (outside[:, ~up & ~down] > 0).any(axis=1)
+    return np.column_stack([bottom, np.where(beside, bottom, np.maximum(top, bottom))])
