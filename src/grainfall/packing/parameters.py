@@ -61,7 +61,7 @@ class Parameters:
     hull_vertices : int
         Most vertices of a grain's convex collision shape. Facets lock: rounded grains of 24, 48 and 128
         vertices packed to 0.625(2), 0.636(3) and 0.644(3). And a coarse hull is not the grain: largest
-        overlaps of the true hulls were 0.09 of the smaller radius at 48 vertices, 0.04 at 96, 0.03 at 160. A
+        overlaps of the true hulls were 0.09 of the smaller radius at 48 vertices, 0.04 at 96. A
         step costs about as the number of vertices.
     decomposition : {"auto", "on", "off"}
         Whether grains collide as several convex parts: where their hull's excess calls for it, all that the
