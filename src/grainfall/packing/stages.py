@@ -165,9 +165,9 @@ def plan_deficit(
     """What the first packing lacks of the target, and the virtual spheres that would make up for it.
 
     Spheres are called for by the porosity or by the large pores. Where the porosity calls for them, they have
-    all the radii that the first packing is short of, as many as the porosity wants. Where only the large pores
-    do (vugs in a dense rock), they have the radii of the tail alone and keep their share, and the grains about
-    them may have to be packed denser.
+    all the radii that the first packing is short of, as many as the porosity wants. Where only the large
+    pores do (vugs in a dense rock), they have the radii of the tail alone and keep their share, and the
+    grains about them may have to be packed denser.
 
     Parameters
     ----------
