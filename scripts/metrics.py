@@ -48,6 +48,7 @@ with stage(snakemake) as progress:
         **report.network_values(twin_network, reference),
         **report.flow_values(table("flow"), table("reference_flow"), method),
         **{k: v for k, v in io.read_json(files.contacts).items() if k in report.METRICS},
+        **report.resettling_values(io.read_json(str(files.resettling)) if files.get("resettling") else None),
         "wall_s": costs.wall_s.sum(),
         "peak_rss_mb": costs.peak_rss_mb.max(),
     }

@@ -1,16 +1,16 @@
 """Second packing: virtual spheres and denser beds, until the porosity without the spheres is the target's."""
 
-from _stage import stage
+from _stage import checkpoints, stage
 
 from grainfall import grains, io, packing, random, stereology, volume
 
-with stage(snakemake) as progress:
+with stage(snakemake) as progress, checkpoints(snakemake.output.bodies) as folder:
     files, settings = snakemake.input, snakemake.params.settings
     scene = io.read_json(files.scene)
     sizes = stereology.from_table(io.read_table(files.sizes))
     library = grains.Library.load(files.library)
     spheres = packing.VirtualSizes.from_table(io.read_table(files.spheres))
-    first_report = io.read_json(files.first_report)
+    first_report = io.read_json(files.first_report) | {"forces": io.read_table(files.first_forces)}
     parameters = packing.parameters_of(settings["packing"], settings["effects"])
     if first_report["refinement"]["on"]:
         parameters = parameters.refined()
@@ -30,6 +30,7 @@ with stage(snakemake) as progress:
             p_sphere=p_sphere,
             taps=taps,
             progress=progress,
+            checkpoints=folder,
         )
 
     def porosity_of(bodies):
@@ -46,4 +47,5 @@ with stage(snakemake) as progress:
         **settings["feedback"],
     )
     io.write_table(snakemake.output.bodies, bodies)
+    io.write_table(snakemake.output.forces, report.pop("forces"))
     io.write_json(snakemake.output.packing, report)

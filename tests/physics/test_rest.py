@@ -15,8 +15,8 @@ BOX = Box((300.0,) * 3, 50.0)
 class NoShapes:
     """Spheres only."""
 
-    vertices: list = []
-    faces: list = []
+    vertices = ()
+    faces = ()
 
 
 def spheres(centres, radius=50.0) -> pd.DataFrame:
@@ -110,8 +110,8 @@ def test_taps_make_a_loose_bed_denser():
 
 def test_energy_of_a_bed():
     bodies = spheres([[0, 0, 150]])
-    bed = Bed.of(bodies, NoShapes, BOX, Parameters.named(density=1.0, gravity=2.0))
+    bed = Bed.of(bodies, NoShapes, BOX, Parameters.named(density=1.0))
     mass = 4 / 3 * np.pi
     bed.velocity[0] = [3.0, 0, 0]
     bed.spin[0] = [0, 2.0, 0]
-    assert bed.energy() == pytest.approx(mass * (2.0 * 4.0 + 4.5 + 0.4 * 4 / 2))
+    assert bed.energy() == pytest.approx(mass * (9.8 * 4.0 + 4.5 + 0.4 * 4 / 2))

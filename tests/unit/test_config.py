@@ -170,7 +170,7 @@ def test_every_key_is_documented(root, schema, sample_schema):
 
 
 def test_every_packing_parameter_can_be_set(schema):
-    """The schema's overrides are the fields of Parameters without a key of their own; bounds agree."""
+    """Overrides are the fields of Parameters without a key of their own, and take what the schema lets."""
     known = schema["properties"]["packing"]["properties"]["overrides"]["properties"]
     own = {"engine", "decomposition"}
     assert set(known) == {field.name for field in dataclasses.fields(Parameters)} - own

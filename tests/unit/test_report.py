@@ -135,6 +135,7 @@ def make_sample(root: Path, name="demo", variants=("full", "bullet"), realizatio
                           "mean": curve}),
         )  # fmt: skip
         io.write_json(sample / variant / "s2_envelope.json", {"p": 0.23, "n_slices": 199})
+        io.write_json(sample / variant / "scene.json", {"edge_um": 80.0, "mean_diameter_um": 25.0})
         for realization in range(realizations):
             twin = sample / variant / str(realization)
             body, volume = balls((40, 44, 48), 40, rng, (5, 8))
@@ -166,6 +167,10 @@ def make_sample(root: Path, name="demo", variants=("full", "bullet"), realizatio
                               "scale": rng.normal(13, 2, 40), "x": rng.uniform(-20, 110, 40),
                               "y": rng.uniform(0, 80, 40), "z": rng.uniform(0, 80, 40)}),
             )  # fmt: skip
+            pairs = pd.DataFrame({"grain_a": range(39), "grain_b": range(1, 40)})
+            middle = {"x": rng.uniform(0, 80, 39), "y": 40.0, "z": rng.uniform(0, 80, 39)}
+            force = rng.exponential(1e-6, 39) * (np.arange(39) % 5 > 0)
+            io.write_table(twin / "contacts.csv", pairs.assign(**middle, force_n=force))
             seen, twin_pores = (
                 grain_table(rng, 60, 12.5),
                 grain_table(rng, 60, 5).rename(columns={"grain": "pore"}),
@@ -371,6 +376,7 @@ def test_phase_names_are_data_in_the_3d_view(tmp_path):
         {
             "*/*/s2_slices.csv": "S₂ has not been computed yet",
             "*/*/flow.csv": "No permeability has been computed yet",
+            "*/*/contacts.csv": "The contacts have not been found yet",
             "sizes.csv": "No sizes have been unfolded yet",
             "grains3d/*": "The grain library is not there yet",
             "*/*/network_*": "The pore network has not been extracted",

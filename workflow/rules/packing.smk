@@ -32,6 +32,7 @@ rule first_packing:
         library=f"{SAMPLE}/grains3d",
     output:
         bodies=f"{TWIN}/first/bodies.csv",
+        forces=f"{TWIN}/first/forces.csv",
         packing=f"{TWIN}/first/packing.json",
     log:
         f"{TWIN}/logs/first_packing.log",
@@ -86,10 +87,12 @@ rule second_packing:
         library=f"{SAMPLE}/grains3d",
         first=f"{TWIN}/first/bodies.csv",
         first_report=f"{TWIN}/first/packing.json",
+        first_forces=f"{TWIN}/first/forces.csv",
         spheres=f"{TWIN}/virtual_spheres.csv",
         deficit=f"{TWIN}/deficit.json",
     output:
         bodies=f"{TWIN}/second/bodies.csv",
+        forces=f"{TWIN}/second/forces.csv",
         packing=f"{TWIN}/second/packing.json",
     log:
         f"{TWIN}/logs/second_packing.log",

@@ -20,6 +20,7 @@ FIGURES = [
     "gallery",
     "packings",
     "virtual",
+    "forces",
     "s2",
     "network",
 ]
@@ -71,6 +72,7 @@ rule metrics:
         network_throats=f"{TWIN}/network_throats.csv",
         flow=f"{TWIN}/flow.csv",
         contacts=f"{TWIN}/contacts.json",
+        resettling=where_checked("resettling.json"),
         reference_flow=where_referenced("reference_flow.csv"),
         reference_pores=where_referenced("reference_network_pores.csv"),
         reference_throats=where_referenced("reference_network_throats.csv"),

@@ -45,6 +45,11 @@ def parameters_of(packing: Mapping, effects: Mapping) -> Parameters:
     )
 
 
+def box_of(scene: Mapping) -> Box:
+    """The container of a scene."""
+    return Box((scene["edge_um"],) * 3, scene["margin_um"])
+
+
 def pack(
     scene: Mapping,
     sizes: Mapping[tuple[int, str], SizeDistribution],
@@ -84,7 +89,8 @@ def pack(
     bodies : DataFrame
         Columns of bodies.csv, um from the corner of the region of interest.
     report : dict
-        Content of packing.json; ``forces`` are the normal forces between bodies: a, b (ids), force_n.
+        Content of packing.json, and ``forces``: a DataFrame of normal forces between bodies, a, b (ids) and
+        force_n.
     """
     mixture = Mixture(
         {n: sizes[n, "grain"] for n in range(1, len(scene["phases"]))},
@@ -93,7 +99,7 @@ def pack(
         spheres if p_sphere > 0 else None,
         p_sphere,
     )
-    box = Box((scene["edge_um"],) * 3, scene["margin_um"])
+    box = box_of(scene)
     share = scene["edge_um"] ** 2 / np.prod(box.sides_um)
     population = draw_zones(mixture, library, box.solid_um3(), share, rng)
 
@@ -102,12 +108,12 @@ def pack(
 
     bodies = deposit(population, library, box, parameters, rng, tell if progress else None, checkpoints)
     report = {**bodies.attrs.pop("report"), "p_sp": float(p_sphere)}
-    report["forces"] = bodies.attrs.pop("forces")
+    report["forces"] = pd.DataFrame(bodies.attrs.pop("forces"))
     if taps:
         bodies, tapped = settle(bodies, library, box, parameters, taps=taps, progress=progress)
         report |= {
             "rest": {**report["rest"], **{k: tapped[k] for k in report["rest"] if k in tapped}},
-            "forces": tapped["forces"].to_dict("list"),
+            "forces": tapped["forces"],
             "asleep": int(bodies["asleep"].sum()),
             "wall_s": report["wall_s"] + tapped["wall_s"],
             **{k: tapped[k] for k in ("escaped", "max_overlap", "mean_overlap")},

@@ -209,6 +209,13 @@ def figure_files(
             [by_name.get(k) for k in ("porosity_first", "porosity_second", "porosity")],
         )
 
+    def forces() -> Figure | None:
+        contacts, bodies = r.table("twin:contacts.csv"), r.table("twin:bodies.csv")
+        scene = r.json("variant:scene.json")
+        if contacts is None or bodies is None or scene is None:
+            return None
+        return figures.forces_figure(contacts, bodies, scene["edge_um"], scene["mean_diameter_um"])
+
     def virtual() -> Figure | None:
         table = r.table("twin:virtual_spheres.csv")
         if table is None or table.empty:
@@ -259,6 +266,7 @@ def figure_files(
             ["twin:twin.zarr.zip"],
             ["twin:first/volume.zarr.zip", "twin:second/volume.zarr.zip", "twin:metrics.csv"],
         ),
+        "forces": (forces, ["twin:contacts.csv"], ["twin:bodies.csv", "variant:scene.json"]),
         "virtual": (virtual, ["twin:virtual_spheres.csv"], ["twin:second/packing.json"]),
         "s2": (
             s2,

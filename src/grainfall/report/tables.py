@@ -57,6 +57,17 @@ METRICS: dict[str, Metric] = {
     "p_sp": Metric("share of virtual spheres among poured bodies", source="second/packing.json"),
     "cement_share": Metric("cement, share of the region", source="twin.zarr.zip"),
     "asleep": Metric("share of bodies at rest", source="bodies.csv", low=1.0),
+    "drift": Metric("drift of the freed bed in 300 steps, mean grain radii", source="second/packing.json",
+                    high=1e-3),
+    "net_force": Metric("mean net force on a body, of its weight", source="second/packing.json", high=0.01),
+    "energy_rise": Metric("largest rise of mechanical energy at rest, of the whole",
+                          source="second/packing.json", high=1e-3),
+    "on_spheres": Metric("share of grains that leaned on virtual spheres", source="contacts.json"),
+    "lost_support": Metric("share of grains that lost support with the spheres", source="contacts.json"),
+    "porosity_resettled": Metric("porosity once the skeleton has settled anew", source="resettling.json"),
+    "s2_resettled": Metric("largest change of S₂ by that", source="resettling.json"),
+    "moved_resettled": Metric("share of grains that it moves by more than 0.1 radii",
+                              source="resettling.json"),
     "scale_factor": Metric("final scaling of positions", source="correction.json"),
     "contacts_before": Metric("contacts before the final scaling", "contacts", "correction.json"),
     "contacts_after": Metric("contacts after the final scaling", "contacts", "correction.json"),
@@ -207,12 +218,27 @@ def packing_values(
         "p_sp": second["p_sp"],
         "cement_share": np.count_nonzero(phase >= len(scene["phases"])) / phase.size,
         "asleep": float(bodies["asleep"].mean()),
+        "drift": second["rest"]["drift_mean"],
+        "net_force": second["rest"]["net_force"],
+        "energy_rise": second["rest"]["energy_rise"],
         "scale_factor": correction["scale_factor"],
         **{f"{name}_before": before[name] for name in ("contacts", "euler")},
         **{f"{name}_after": after[name] for name in ("contacts", "euler")},
         "contact_area_before_um2": before["contact_area_um2"],
         "contact_area_after_um2": after["contact_area_um2"],
     }
+
+
+def resettling_values(change: Mapping | None) -> dict[str, object]:
+    """What became of the skeleton when it settled without its virtual spheres (resettling.json).
+
+    Parameters
+    ----------
+    change : mapping or None
+        None where the check was not run: empty figures.
+    """
+    keys = {"porosity": "porosity_after", "s2": "s2_change", "moved": "moved_share"}
+    return {f"{name}_resettled": None if change is None else change[key] for name, key in keys.items()}
 
 
 def section_comparison(
