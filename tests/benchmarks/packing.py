@@ -207,8 +207,8 @@ BATCH = 8
 def angle_of_repose(xyz: np.ndarray, cell: float = 3.0) -> float:
     """Slope, degrees, of the surface of a heap of unit spheres between a fifth and four fifths of its foot.
 
-    The surface is the highest grain in each column of a square grid. Half a cone's volume lies within half the
-    radius of its foot, which therefore is twice the grains' median distance from the axis, strays or not.
+    The surface is the highest grain in each column of a square grid. Half a cone's volume lies within half
+    the radius of its foot, which therefore is twice the grains' median distance from the axis, strays or not.
 
     Parameters
     ----------
