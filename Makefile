@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 SNAKEMAKE := $(BIN)/snakemake --profile workflow/profiles/local --cores $(CORES)
 IMAGE ?=
 
-.PHONY: demo test lint format thin-section engines report bench-stereology bench-segmentation bench-engines bench-creep bench-decomposition bench-permeability hard-cases clean
+.PHONY: demo test lint format thin-section engines report bench-stereology bench-segmentation bench-engines bench-creep bench-packing bench-decomposition bench-permeability hard-cases clean
 
 demo: $(VENV)/.ready  ## the embedded demo, to results/summary.csv and results/report.html
 	$(SNAKEMAKE)
@@ -57,6 +57,10 @@ bench-engines: $(VENV)/.ready
 
 bench-creep: $(VENV)/.ready
 	$(BIN)/python tests/benchmarks/creep.py --seeds 5 --out results/benchmarks/creep.csv
+
+bench-packing: $(VENV)/.ready  ## hours; goes on where it was stopped
+	$(BIN)/python tests/benchmarks/packing.py --out results/benchmarks/packing_physics.csv
+	$(BIN)/python tests/benchmarks/packing_speed.py --out results/benchmarks/packing_speed.csv
 
 bench-decomposition: $(VENV)/.ready  ## a section's grains too: make bench-decomposition IMAGE=path/to/instances.npz
 	$(BIN)/python tests/benchmarks/decomposition.py $(if $(IMAGE),--section "$(IMAGE)") \

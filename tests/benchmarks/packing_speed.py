@@ -1,0 +1,190 @@
+"""How long convex grains take to settle, on one core.
+
+    python tests/benchmarks/packing_speed.py [--numbers 1000 4000 10000] [--plain 200] [--out ...]
+
+The process is pinned to one core. Engines of this project deposit the grains of 32 vertices to the paper's
+sleep criterion (below 0.01 for 300 steps) in a box ten mean diameters wide: a fixed cross-section asks that
+the cost a grain stays the same while the bed grows under it. They pay for pouring, for the final rest of all
+grains together, and for every check. The plain loop is what one writes without a package: all grains in
+layers, pybullet's defaults, steps until all have been still for as long.
+
+Columns: engine, n_grains, hull_vertices, wall_s, cpu_s (wall time is another's on a shared machine), settled
+(share of the grains), steps, note. The exponent of cost over numbers, fitted to cpu_s, is printed and written
+in the note of an engine's last row.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from engines import angular_grains
+
+from grainfall import io
+from grainfall.grains import Library
+from grainfall.packing import Parameters, container, deposit
+from grainfall.packing.deposition import random_quaternion
+from grainfall.packing.shapes import collision_shapes
+
+HULL_VERTICES = 32
+RADIUS = 50.0
+SLEEP_SPEED, SLEEP_STEPS = 0.01, 300
+"""The paper's sleep criterion."""
+
+WIDTH = 10.0
+"""Width of the box, mean diameters."""
+
+
+def this_project(engine: str, n: int, library: Library, rng: np.random.Generator) -> dict:
+    """A deposition of about ``n`` grains; how many it took is in the row."""
+    parameters = Parameters.named(
+        engine=engine, hull_vertices=HULL_VERTICES, sleep_speed=SLEEP_SPEED, sleep_steps=SLEEP_STEPS
+    )
+    margin, diameter = 1.0, 2 * RADIUS
+    height = n * 4 / 3 * np.pi / (0.6 * (2 * WIDTH) ** 2) / 2  # of the bed, diameters
+    roi = ((WIDTH - 2 * margin) * diameter, (WIDTH - 2 * margin) * diameter, (height - 2 * margin) * diameter)
+    supply = pd.DataFrame(
+        {"kind": "grain", "phase": 1, "shape": rng.integers(0, len(library.vertices), n), "scale": RADIUS}
+    )
+    report = deposit(supply, library, container(roi, diameter, margin), parameters, rng).attrs["report"]
+    return {
+        "n_grains": report["poured"],
+        "settled": report["asleep"] / report["poured"],
+        "steps": report["steps"] + report["rest"]["steps"],
+        "note": "" if report["rest"]["at_rest"] else "not at rest in the end",
+    }
+
+
+def plain_pybullet(n: int, library: Library, rng: np.random.Generator, most_steps: int = 6000) -> dict:
+    """All grains at once, in layers over the same cross-section, pybullet's defaults but for friction."""
+    import pybullet as bullet
+
+    shapes = collision_shapes(library, range(len(library.vertices)), Parameters(hull_vertices=HULL_VERTICES))
+    client = bullet.connect(bullet.DIRECT)
+    bullet.setGravity(0, 0, -9.8, physicsClientId=client)
+    side = 2 * WIDTH
+    for place, normal in (
+        ((0, 0, 0), (0, 0, 1)),
+        ((0, 0, 0), (1, 0, 0)),
+        ((side, 0, 0), (-1, 0, 0)),
+        ((0, 0, 0), (0, 1, 0)),
+        ((0, side, 0), (0, -1, 0)),
+    ):
+        plane = bullet.createCollisionShape(bullet.GEOM_PLANE, planeNormal=normal, physicsClientId=client)
+        bullet.createMultiBody(0, plane, basePosition=place, physicsClientId=client)
+    hulls = [
+        bullet.createCollisionShape(
+            bullet.GEOM_MESH, vertices=shapes[s].parts[0].tolist(), physicsClientId=client
+        )
+        for s in shapes
+    ]
+    across = int(side // 2.8)
+    for k in range(n):
+        place = [1.4 + 2.8 * (k % across), 1.4 + 2.8 * (k // across % across), 2 + 2.8 * (k // across**2)]
+        w, x, y, z = random_quaternion(rng)
+        body = bullet.createMultiBody(
+            2.6 * 4 / 3 * np.pi,
+            hulls[int(rng.integers(len(hulls)))],
+            basePosition=place,
+            baseOrientation=[x, y, z, w],
+            physicsClientId=client,
+        )
+        bullet.changeDynamics(
+            body,
+            -1,
+            lateralFriction=0.5,
+            restitution=0.5,
+            activationState=bullet.ACTIVATION_STATE_DISABLE_SLEEPING,
+            physicsClientId=client,
+        )
+    bodies = range(5, 5 + n)
+    bullet.setTimeStep(0.01, physicsClientId=client)
+
+    def places() -> np.ndarray:
+        return np.array([bullet.getBasePositionAndOrientation(b, client)[0] for b in bodies])
+
+    still, before, look, steps = np.zeros(n, int), places(), 10, 0
+    while steps < most_steps and not (still >= SLEEP_STEPS).all():
+        for _ in range(look):
+            bullet.stepSimulation(physicsClientId=client)
+        steps += look
+        now = places()
+        slow = np.linalg.norm(now - before, axis=1) < SLEEP_SPEED * look * 0.01
+        # as in a deposition, a grain that has once been still so long counts as settled
+        still = np.where(still >= SLEEP_STEPS, still, np.where(slow, still + look, 0))
+        before = now
+    out = ((before[:, :2] < 0) | (before[:, :2] > side)).any(axis=1) | (before[:, 2] < 0)
+    bullet.disconnect(client)
+    return {
+        "n_grains": n,
+        "settled": float(((still >= SLEEP_STEPS) & ~out).mean()),
+        "steps": steps,
+        "note": f"{int(out.sum())} left the box" if out.any() else "",
+    }
+
+
+def timed(engine: str, work, *arguments) -> dict:
+    """A row: the work's own figures, wall and processor time."""
+    wall, cpu = time.perf_counter(), time.process_time()
+    row = work(*arguments)
+    found = {
+        "engine": engine,
+        "n_grains": row["n_grains"],
+        "hull_vertices": HULL_VERTICES,
+        "wall_s": time.perf_counter() - wall,
+        "cpu_s": time.process_time() - cpu,
+    } | row
+    print(found, flush=True)
+    return found
+
+
+def exponent(rows: list[dict]) -> float:
+    """Slope of log cost over log number."""
+    n, cost = ([row[name] for row in rows] for name in ("n_grains", "cpu_s"))
+    return float(np.polyfit(np.log(n), np.log(cost), 1)[0])
+
+
+def main() -> None:
+    options = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    options.add_argument("--numbers", type=int, nargs="*", default=[1000, 4000, 10000, 20000])
+    options.add_argument(
+        "--bullet", type=int, nargs="*", default=[1000], help="numbers for this project's Bullet"
+    )
+    options.add_argument(
+        "--plain", type=int, nargs="*", default=[200, 1000], help="numbers for the plain loop"
+    )
+    options.add_argument("--out", type=Path, default=Path("results/benchmarks/packing_speed.csv"))
+    given = options.parse_args()
+    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+    library = angular_grains(40, np.random.default_rng(0))
+    rows: list[dict] = []
+
+    def keep(row: dict) -> None:
+        rows.append(row)
+        io.write_table(given.out, pd.DataFrame(rows))
+
+    for n in given.plain:
+        keep(timed("pybullet, plain loop", plain_pybullet, n, library, np.random.default_rng(1)))
+    for engine, numbers in (("physx", given.numbers), ("bullet", given.bullet)):
+        for n in numbers:
+            row = timed(engine, this_project, engine, n, library, np.random.default_rng(1))
+            mine = [r for r in rows if r["engine"] == engine] + [row]
+            if len(mine) > 1:
+                slope = f"cost grows as n^{exponent(mine):.2f}"
+                row["note"] = "; ".join(filter(None, (row["note"], slope)))
+            keep(row)
+    if importlib.util.find_spec("yade") is None:
+        note = "skipped: not installed (apt: yade)"
+        keep({"engine": "YADE polyhedra", "hull_vertices": HULL_VERTICES, "note": note})
+    print(pd.DataFrame(rows).to_string())
+
+
+if __name__ == "__main__":
+    main()

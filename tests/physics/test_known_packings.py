@@ -1,0 +1,75 @@
+"""Packings that physics knows, reduced: ``make bench-packing`` has them all, with more seeds and cores."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
+
+import packing
+from packing import RADIUS, Case, angle_of_repose, grains
+
+from grainfall.contacts import closest_points
+from grainfall.packing import container, deposit
+
+
+@pytest.mark.parametrize(("engine", "tolerance"), [("physx", 1e-4), ("bullet", 1e-3)])
+def test_frictionless_spheres_have_three_contacts_each(engine, tolerance):
+    """Without friction a bed is isostatic: 3 n forces, walls and floor counted, balance n spheres.
+
+    Bullet, one small bed: its contacts hold to a tolerance ten times that of PhysX only.
+    """
+    diameter = 2 * RADIUS
+    box = container(3 * diameter, diameter, 1.0)
+    case = Case("spheres", engine, 0.0)
+    bodies = deposit(grains(100), None, box, case.parameters, np.random.default_rng(1))
+    reach = tolerance * diameter
+    place = bodies[["x", "y", "z"]].to_numpy() + box.margin_um
+    gaps = [place.ravel() - RADIUS, (box.sides_um - place[:, :2]).ravel() - RADIUS]
+    between = closest_points(bodies, None, reach)["gap_um"]
+    contacts = (between < reach).sum() + (np.concatenate(gaps) < reach).sum()
+    assert contacts / len(bodies) == pytest.approx(3, abs=0.12)
+
+
+def test_friction_loosens_equal_spheres():
+    """One seed a friction; the core, 90 diameters cubed, scatters by about 0.01 from seed to seed."""
+    rows = [packing.spheres(Case("spheres", friction=mu), 0) for mu in (0.0, 0.3, 1.0)]
+    smooth, middle, rough = (row["solid_fraction"] for row in rows)
+    assert 0.634 - 0.02 < smooth < 0.643 + 0.02
+    assert smooth > middle > rough - 0.01
+    assert smooth > rough > 0.55
+    assert 5.9 < rows[0]["z"] < 6.2
+    assert rows[0]["z"] > rows[1]["z"] > rows[2]["z"] > 4
+    for row in rows:
+        assert row["drift"] < 1e-3
+        assert row["net_force"] < 1e-2
+        assert row["energy_rise"] < 1e-3
+
+
+def test_the_angle_of_a_cone():
+    rng = np.random.default_rng(0)
+    for wanted in (15, 25, 35):
+        foot = 16.0
+        r, z = foot * np.sqrt(rng.random(20000)), rng.random(20000) * foot * np.tan(np.radians(wanted))
+        inside = z < (foot - r) * np.tan(np.radians(wanted))
+        turn = 2 * np.pi * rng.random(inside.sum())
+        points = np.column_stack([r[inside] * np.cos(turn), r[inside] * np.sin(turn), z[inside]])
+        # the tops of unit spheres in columns three wide: known to a degree
+        assert angle_of_repose(points) == pytest.approx(wanted, abs=1.0)
+
+
+def test_friction_steepens_a_heap():
+    gentle, steep = (packing.heap(Case("heap", friction=mu), 0, n=320)["angle_deg"] for mu in (0.1, 1.0))
+    assert gentle + 1 < steep < 40
+
+
+@pytest.mark.parametrize("engine", ["physx", "bullet"])
+def test_grains_set_free_stay_where_they_are(engine):
+    """One seed an engine, a bed five diameters wide."""
+    found = packing.rest(Case("rest", engine), 0, roi=3.0)
+    assert found["drift"] < (1e-3 if engine == "physx" else 1e-2)
+    assert found["net_force"] < 1e-2
+    assert found["energy_rise"] < 1e-3
+    assert found["max_overlap"] < 0.02
