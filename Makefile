@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 SNAKEMAKE := $(BIN)/snakemake --profile workflow/profiles/local --cores $(CORES)
 IMAGE ?=
 
-.PHONY: demo test lint format thin-section engines report bench-stereology bench-segmentation bench-engines bench-creep bench-packing bench-decomposition bench-permeability clean
+.PHONY: demo test lint format thin-section engines report bench-stereology bench-segmentation bench-engines bench-creep bench-packing bench-decomposition bench-permeability hard-cases clean
 
 demo: $(VENV)/.ready  ## the embedded demo, to results/summary.csv and results/report.html
 	$(SNAKEMAKE)
@@ -68,6 +68,9 @@ bench-decomposition: $(VENV)/.ready  ## a section's grains too: make bench-decom
 
 bench-permeability: $(VENV)/.ready
 	$(BIN)/python tests/benchmarks/permeability.py --out results/benchmarks/permeability.csv
+
+hard-cases: $(VENV)/.ready  ## hard scenes in both engines against the verdicts written down before
+	$(BIN)/python tests/benchmarks/hard_cases.py --out results/benchmarks/hard_cases.csv
 
 clean:  ## results and caches, not the environment
 	rm -rf .snakemake $(filter-out results/README.md,$(wildcard results/*))

@@ -1,6 +1,7 @@
 """What every script does around its work: a log, progress on the terminal, one line for a user's mistake."""
 
 import os
+import shutil
 import sys
 
 for pool in ("OMP", "NUMBA", "OPENBLAS", "MKL"):
@@ -31,6 +32,14 @@ class Progress:
 
     def say(self, line: str) -> None:
         print(f"[{self.label}] {line}", file=self.terminal, flush=True)
+
+
+@contextmanager
+def checkpoints(output):
+    """Folder beside an output for what a killed job leaves to its next run; gone when the block ends well."""
+    folder = Path(output).with_name(".checkpoints")
+    yield folder
+    shutil.rmtree(folder, ignore_errors=True)
 
 
 @contextmanager

@@ -12,10 +12,8 @@ with stage(snakemake) as progress:
     voxel = attributes["voxel_size_um"]
     size = tuple(np.array(volume.shape[::-1]) * voxel)
     settings = snakemake.params.settings
-    setting = settings["packing"]
-    parameters = packing.Parameters.named(
-        setting["parameters"], engine=setting["engine"], **setting["overrides"]
-    )
+    parameters = packing.parameters_of(settings["packing"], settings["effects"])
+    packed, forces = io.read_table(snakemake.input.packed), io.read_table(snakemake.input.forces)
     table = contacts.find_contacts(
         bodies,
         library,
@@ -23,12 +21,14 @@ with stage(snakemake) as progress:
         voxel,
         settings["contacts"]["tolerance"],
         parameters=parameters,
-        packed=io.read_table(snakemake.input.packed),
+        packed=packed,
+        forces=forces,
     )
     by_phase = contacts.coordination(table, bodies, size)
     summary = {
         "max_overlap": contacts.max_overlap(bodies, library, size, parameters),
         **by_phase.iloc[0].drop("phase").to_dict(),
+        **contacts.lost_support(forces, packed, size),
         "by_phase": by_phase.iloc[1:].to_dict("records"),
     }
     io.write_table(snakemake.output.contacts, table)

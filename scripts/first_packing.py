@@ -1,19 +1,24 @@
 """First packing: reconstructed grains alone, poured under gravity."""
 
-from _stage import stage
+from _stage import checkpoints, stage
 
 from grainfall import grains, io, packing, random, stereology
 
-with stage(snakemake) as progress:
+with stage(snakemake) as progress, checkpoints(snakemake.output.bodies) as folder:
     scene = io.read_json(snakemake.input.scene)
-    setting = snakemake.params.settings["packing"]
-    bodies, report = packing.pack(
-        scene,
-        stereology.from_table(io.read_table(snakemake.input.sizes)),
-        grains.Library.load(snakemake.input.library),
-        packing.Parameters.named(setting["parameters"], engine=setting["engine"], **setting["overrides"]),
-        random.generator(**snakemake.params.stream, chapter="packing/first"),
-        progress=progress,
+    sizes = stereology.from_table(io.read_table(snakemake.input.sizes))
+    library = grains.Library.load(snakemake.input.library)
+    settings = snakemake.params.settings
+
+    def pack_with(parameters):
+        rng = random.generator(**snakemake.params.stream, chapter="packing/first")
+        return packing.pack(scene, sizes, library, parameters, rng, progress=progress, checkpoints=folder)
+
+    bodies, report = packing.pack_first(
+        pack_with,
+        packing.parameters_of(settings["packing"], settings["effects"]),
+        settings["effects"]["refinement"],
     )
     io.write_table(snakemake.output.bodies, bodies)
+    io.write_table(snakemake.output.forces, report.pop("forces"))
     io.write_json(snakemake.output.packing, report)

@@ -10,6 +10,7 @@ with stage(snakemake) as progress:
         labels,
         io.read_table(snakemake.input.grains),
         rng=random.generator(**snakemake.params.stream, chapter="grains"),
+        progress=progress,
         **snakemake.params.settings["grains"],
     )
     library.save(snakemake.output.library)

@@ -2,12 +2,13 @@
 
 from _stage import stage
 
-from grainfall import io, morphology, random
+from grainfall import io, morphology, random, volume
 
 with stage(snakemake):
     phase, attributes = io.read_volume(snakemake.input.twin, "phase")
     outlined = io.read_json(snakemake.input.summary)["outlined"]
-    body = io.read_volume(snakemake.input.twin, "body")[0] if outlined else None
+    body, _ = io.read_volume(snakemake.input.twin, "body")
+    phase = volume.as_minerals(phase, body, io.read_table(snakemake.input.bodies))
     grains, pores = morphology.measure_slices(
         phase,
         attributes["voxel_size_um"],
@@ -16,7 +17,7 @@ with stage(snakemake):
             phase.shape,
             snakemake.params.settings["correlation"]["slices"],
         ),
-        body=body,
+        body=body if outlined else None,
         **snakemake.params.settings["morphology"],
     )
     io.write_table(snakemake.output.grains, grains)

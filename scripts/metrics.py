@@ -25,7 +25,7 @@ with stage(snakemake) as progress:
     radial = s2_volume[s2_volume.axis.isin(list("xyz"))].groupby("lag_um", as_index=False).s2.mean()
     packing = report.packing_values(
         scene,
-        io.read_json(files.spheres),
+        io.read_json(files.deficit),
         io.read_json(files.second),
         io.read_json(files.correction),
         table("bodies"),
@@ -48,6 +48,7 @@ with stage(snakemake) as progress:
         **report.network_values(twin_network, reference),
         **report.flow_values(table("flow"), table("reference_flow"), method),
         **{k: v for k, v in io.read_json(files.contacts).items() if k in report.METRICS},
+        **report.resettling_values(io.read_json(str(files.resettling)) if files.get("resettling") else None),
         "wall_s": costs.wall_s.sum(),
         "peak_rss_mb": costs.peak_rss_mb.max(),
     }

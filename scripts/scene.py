@@ -9,6 +9,7 @@ with stage(snakemake) as progress:
         stereology.from_table(io.read_table(snakemake.input.sizes)),
         io.read_json(snakemake.input.summary),
         porosity_of_sample=snakemake.params.row.get("porosity"),
+        phase_mixing=snakemake.params.settings["effects"]["phase_mixing"],
         **snakemake.params.settings["scene"],
     )
     io.write_json(snakemake.output.scene, scene)

@@ -1,25 +1,36 @@
-"""Second packing: grains and virtual spheres, until the porosity without the spheres is the target's."""
+"""Second packing: virtual spheres and denser beds, until the porosity without the spheres is the target's."""
 
-from _stage import stage
+from _stage import checkpoints, stage
 
 from grainfall import grains, io, packing, random, stereology, volume
 
-with stage(snakemake) as progress:
+with stage(snakemake) as progress, checkpoints(snakemake.output.bodies) as folder:
     files, settings = snakemake.input, snakemake.params.settings
     scene = io.read_json(files.scene)
     sizes = stereology.from_table(io.read_table(files.sizes))
     library = grains.Library.load(files.library)
     spheres = packing.VirtualSizes.from_table(io.read_table(files.spheres))
-    setting = settings["packing"]
-    parameters = packing.Parameters.named(
-        setting["parameters"], engine=setting["engine"], **setting["overrides"]
-    )
+    first_report = io.read_json(files.first_report) | {"forces": io.read_table(files.first_forces)}
+    parameters = packing.parameters_of(settings["packing"], settings["effects"])
+    if first_report["refinement"]["on"]:
+        parameters = parameters.refined()
 
-    def pack_with(p_sphere):
-        rng = random.generator(**snakemake.params.stream, chapter="packing/second")
-        progress.say(f"second packing with a sphere probability of {p_sphere:.4f}")
+    def pack_with(p_sphere, lubrication, taps):
+        progress.say(f"sphere probability {p_sphere:.4f}, friction times {lubrication:.3g}, {taps} taps")
         return packing.pack(
-            scene, sizes, library, parameters, rng, spheres=spheres, p_sphere=p_sphere, progress=progress
+            scene,
+            sizes,
+            library,
+            parameters.lubricated(lubrication),
+            # numbers of the first packing where only the friction differs: a paired comparison
+            random.generator(
+                **snakemake.params.stream, chapter="packing/second" if p_sphere else "packing/first"
+            ),
+            spheres=spheres,
+            p_sphere=p_sphere,
+            taps=taps,
+            progress=progress,
+            checkpoints=folder,
         )
 
     def porosity_of(bodies):
@@ -28,12 +39,13 @@ with stage(snakemake) as progress:
         return volume.porosity(phase)
 
     bodies, report = packing.pack_again(
-        io.read_json(files.plan),
+        io.read_json(files.deficit),
         pack_with,
         porosity_of,
-        (io.read_table(files.first), io.read_json(files.first_report)),
-        tolerance=settings["correction"]["limit"],
-        passes=settings["virtual_spheres"]["passes"],
+        (io.read_table(files.first), first_report),
+        densification=settings["effects"]["densification"],
+        **settings["feedback"],
     )
     io.write_table(snakemake.output.bodies, bodies)
+    io.write_table(snakemake.output.forces, report.pop("forces"))
     io.write_json(snakemake.output.packing, report)

@@ -1,4 +1,4 @@
-"""Spheres removed, porosity corrected: the twin."""
+"""Spheres removed, porosity met: the twin."""
 
 from _stage import stage
 
@@ -6,24 +6,25 @@ from grainfall import grains, io, volume
 
 with stage(snakemake) as progress:
     scene = io.read_json(snakemake.input.scene)
-    setting = snakemake.params.settings["correction"]
-    library = grains.Library.load(snakemake.input.library)
-    bodies = io.read_table(snakemake.input.bodies)
-    bodies, report = volume.correct_porosity(
-        bodies[bodies.kind == "grain"].reset_index(drop=True),
-        library,
-        scene["shape_zyx"],
-        scene["voxel_size_um"],
-        scene["porosity_target"],
-        limit=setting["limit"] if setting["enabled"] else 0.0,
+    settings = snakemake.params.settings
+    bodies, phase, body, scaling, cement = volume.finish(
+        io.read_table(snakemake.input.bodies),
+        grains.Library.load(snakemake.input.library),
+        scene,
+        io.read_json(snakemake.input.packing)["densification"],
+        settings["effects"],
+        settings["feedback"]["limit"],
     )
-    phase, body = volume.voxelise(bodies, library, scene["shape_zyx"], scene["voxel_size_um"])
     io.write_volume(
         snakemake.output.twin,
         {"phase": phase, "body": body},
         scene["voxel_size_um"],
-        {"phases": scene["phases"], "seed": snakemake.params.stream["seed"]},
+        {
+            "phases": scene["phases"] + (["cement"] if cement["on"] else []),
+            "seed": snakemake.params.stream["seed"],
+        },
     )
     io.write_table(snakemake.output.bodies, bodies)
-    io.write_json(snakemake.output.correction, report)
+    io.write_json(snakemake.output.correction, scaling)
+    io.write_json(snakemake.output.cement, cement)
     progress.say(f"porosity {(phase == 0).mean():.4f}, target {scene['porosity_target']:.4f}")

@@ -14,7 +14,7 @@ from jsonschema import Draft202012Validator
 
 from grainfall.errors import InputError
 
-VARIANT_KEYS = ("scene", "packing", "virtual_spheres", "correction", "network", "flow")
+VARIANT_KEYS = ("scene", "packing", "effects", "feedback", "network", "flow")
 RESERVED = ("benchmarks", "accuracy")
 """Names under results/ that no sample may take."""
 
@@ -114,6 +114,15 @@ def fill(content: dict, schema: dict) -> dict:
     return filled
 
 
+def _switched(content: dict) -> dict:
+    """Switches as words: YAML reads a bare on or off as true or false."""
+    if not isinstance(content.get("effects"), dict):
+        return content
+    words = {True: "on", False: "off"}
+    effects = {k: words[v] if isinstance(v, bool) else v for k, v in content["effects"].items()}
+    return {**content, "effects": effects}
+
+
 def resolve(config: dict, schema: dict, presets: dict, where: str = "config") -> dict:
     """The config a run uses: defaults, under the preset, under the user's own values.
 
@@ -138,6 +147,10 @@ def resolve(config: dict, schema: dict, presets: dict, where: str = "config") ->
     InputError
         On the first fault, variants' overrides included.
     """
+    config = _switched(config)
+    if isinstance(config.get("variants"), dict):
+        over = {k: _switched(v) if isinstance(v, dict) else v for k, v in config["variants"].items()}
+        config = {**config, "variants": over}
     check(config, schema, where)
     preset = config.get("preset", schema["properties"]["preset"]["default"])
     whole = fill(merge(presets.get(preset) or {}, config), schema)

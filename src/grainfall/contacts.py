@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
+from scipy.optimize import nnls
 from scipy.spatial import ConvexHull, cKDTree
 from scipy.spatial.transform import Rotation
 
@@ -38,6 +39,9 @@ others, and once they are taken away so do the next, until nothing is left of th
 TOUCHING = 1e-7
 """Gap, in mean grain radii, below which the closest points are too near each other to show a direction."""
 
+CERTAIN = 1e-6
+"""Difference, in mean grain radii, of a gap from the separation along its normal above which it is wrong."""
+
 
 def find_contacts(
     bodies: pd.DataFrame,
@@ -47,6 +51,7 @@ def find_contacts(
     tolerance: float = TOLERANCE,
     parameters: Parameters | None = None,
     packed: pd.DataFrame | None = None,
+    forces: pd.DataFrame | None = None,
 ) -> pd.DataFrame:
     """Pairs of grains in contact, wherever they lie.
 
@@ -70,14 +75,16 @@ def find_contacts(
         The bodies as they came to rest, before positions were scaled to the target porosity. That moves
         neighbours apart (or into each other) by up to half a percent of their distance, again more than the
         tolerance: contacts and gaps are then those of the packing, located in the scaled one.
+    forces : DataFrame, optional
+        Normal forces in the packing as it came to rest, virtual spheres included: a < b (ids), force_n.
 
     Returns
     -------
     DataFrame
         A row a pair, by ids: grain_a < grain_b, phase_a, phase_b; x, y, z (um, midway between the closest
         points); nx, ny, nz (unit normal from a to b); area_um2 (of the voxel faces that the two share; empty
-        where the contact lies outside the volume); force_n (empty: packing does not report forces); gap_um
-        (negative: depth of penetration).
+        where the contact lies outside the volume); force_n (normal force, 0 where the two touch and carry
+        nothing; empty without ``forces``); gap_um (negative: depth of penetration).
     """
     grains = bodies[bodies["kind"] == "grain"]
     limit = tolerance * 2 * grains["scale"].mean() if len(grains) else 0.0
@@ -102,6 +109,10 @@ def find_contacts(
         inside = _inside(table, size)
         table["area_um2"] = np.where(np.isnan(found) & inside, 0.0, found)
     table["force_n"] = np.nan
+    if forces is not None:
+        known = forces.set_index(["a", "b"])["force_n"]
+        found = known.reindex(pd.MultiIndex.from_frame(table[["grain_a", "grain_b"]]))
+        table["force_n"] = found.fillna(0.0).to_numpy()
     table["gap_um"] = pairs["gap_um"]
     return table.sort_values(["grain_a", "grain_b"], ignore_index=True)
 
@@ -140,11 +151,11 @@ def _parts(library: Library | Hulls, shape: int) -> tuple[np.ndarray, ...]:
 def closest_points(bodies: pd.DataFrame, library: Library | Hulls, reach_um: float) -> pd.DataFrame:
     """Signed distances of all pairs whose bounding spheres come within ``reach_um``.
 
-    GJK distance and EPA penetration depth by FCL, in mean radii and with the first body at the origin. A
-    sphere is a point with a margin, which makes its distances as exact as a hull's. Of bodies of several
-    convex parts the least of the signed distances of two parts counts: the distance where the bodies are
-    apart, the depth of the deepest pair of parts where they are not (no shorter way out, over all parts at
-    once, is looked for).
+    GJK distance and EPA penetration depth by FCL, in mean radii and with the first body at the origin, each
+    checked along its normal and computed anew where FCL fails (see :func:`exact_distance`). A sphere is a
+    point with a margin, which makes its distances as exact as a hull's. Of bodies of several convex parts the
+    least of the signed distances of two parts counts: the distance where the bodies are apart, the depth of
+    the deepest pair of parts where they are not (no shorter way out, over all parts at once, is looked for).
 
     Parameters
     ----------
@@ -222,9 +233,10 @@ def _hull(vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True)
 class _Core:
-    """A convex part as FCL has it, with its bounding sphere in the body's frame."""
+    """A convex part as FCL has it, its vertices and its bounding sphere in the body's frame."""
 
     geometry: object
+    points: np.ndarray
     centre: np.ndarray
     radius: float
 
@@ -232,14 +244,14 @@ class _Core:
 def _cores(fcl: object, hulls: list[tuple[np.ndarray, np.ndarray]], scale: float) -> list[_Core]:
     """Parts of a body, or the point inside a sphere (FCL has no points: a sphere of no size that matters)."""
     if not hulls:
-        return [_Core(fcl.Sphere(1e-12), np.zeros(3), 0.0)]
+        return [_Core(fcl.Sphere(1e-12), np.zeros((1, 3)), np.zeros(3), 0.0)]
     found = []
     for vertices, faces in hulls:
         counted = np.column_stack([np.full(len(faces), 3), faces]).ravel()
         points = vertices * scale
         centre = points.mean(axis=0)
         radius = np.linalg.norm(points - centre, axis=1).max()
-        found.append(_Core(fcl.Convex(points, len(faces), counted), centre, radius))
+        found.append(_Core(fcl.Convex(points, len(faces), counted), points, centre, radius))
     return found
 
 
@@ -269,28 +281,110 @@ def _nearest(
     for bound, p, q in pairs:
         if bound >= best[0]:
             break
-        body = fcl.CollisionObject(p.geometry, fcl.Transform(turn, np.zeros(3)))
-        found = _distance(fcl, body, q.geometry, turn_b, offset)
+        found = _distance(fcl, p, turn, q, turn_b, offset)
         if found[0] < best[0]:
-            best, nearest, geometry = found, body, q.geometry
+            best, nearest = found, (p, q)
     gap, on_a, on_b = apart, from_a, from_b = best
     if abs(gap) < TOUCHING:
         # the closest points coincide: the direction is that of the gap a little apart
-        apart, from_a, from_b = _distance(fcl, nearest, geometry, turn_b, offset * (1 + 1e-4))
+        apart, from_a, from_b = _distance(fcl, nearest[0], turn, nearest[1], turn_b, offset * (1 + 1e-4))
     normal = (from_b - from_a) * np.sign(apart)
     normal /= np.linalg.norm(normal)
     return gap, (on_a + on_b) / 2, normal
 
 
 def _distance(
-    fcl: object, first: object, core: object, turn: np.ndarray, offset: np.ndarray
+    fcl: object, first: _Core, turn: np.ndarray, second: _Core, turn_b: np.ndarray, offset: np.ndarray
 ) -> tuple[float, np.ndarray, np.ndarray]:
     """Signed distance and the closest (deepest) points on the two."""
     request = fcl.DistanceRequest(enable_nearest_points=True, enable_signed_distance=True)
     result = fcl.DistanceResult()
-    gap = fcl.distance(first, fcl.CollisionObject(core, fcl.Transform(turn, offset)), request, result)
+    gap = fcl.distance(
+        fcl.CollisionObject(first.geometry, fcl.Transform(turn, np.zeros(3))),
+        fcl.CollisionObject(second.geometry, fcl.Transform(turn_b, offset)),
+        request,
+        result,
+    )
     on_a, on_b = (np.array(p) for p in result.nearest_points)
-    return gap, on_a, on_b
+    a, b = first.points @ turn.T, second.points @ turn_b.T + offset
+    return (gap, on_a, on_b) if _certain(a, b, gap, on_a, on_b) else exact_distance(a, b)
+
+
+def _certain(a: np.ndarray, b: np.ndarray, gap: float, on_a: np.ndarray, on_b: np.ndarray) -> bool:
+    """Whether a signed distance agrees with the separation of the two along its own normal.
+
+    The separation min n.b - max n.a along any unit normal n is a lower bound of the distance, and minus it an
+    upper bound of the depth: where a positive gap equals it, the gap is proven. FCL's GJK seldom fails (by
+    more than 1e-5 in none of 60,000 random pairs of hulls and boxes), but then by a third of the gap.
+    """
+    length = np.linalg.norm(on_b - on_a)
+    if length < TOUCHING:  # no normal to judge by: only a gap of nothing can be right
+        return abs(gap) < CERTAIN
+    normal = (on_b - on_a) / (length * np.sign(gap))
+    return abs((b @ normal).min() - (a @ normal).max() - gap) < CERTAIN
+
+
+def exact_distance(a: np.ndarray, b: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    """Signed distance of the hulls of two sets of points, slower and surer than GJK and EPA.
+
+    The hull of a growing set of points of the Minkowski difference b - a takes in the farthest point along
+    the normal of its point nearest to the origin (of its facet nearest to the origin, once that is inside)
+    until there is none farther: the distance (depth) is then exact.
+
+    Parameters
+    ----------
+    a, b : (n, 3), (m, 3) float
+
+    Returns
+    -------
+    gap : float
+        Negative: the smallest translation that separates the two.
+    on_a, on_b : (3,) ndarray
+        Closest (deepest) points.
+    """
+    pairs: list[tuple[int, int]] = []  # (point of a, point of b)
+    normal = np.array([1.0, 0.0, 0.0])
+    for _ in range(3):  # a line, a plane, a solid
+        pairs += [_farthest(a, b, normal), _farthest(a, b, -normal)]
+        i, j = np.array(pairs).T
+        normal = np.linalg.svd((b[j] - a[i]) - (b[j] - a[i]).mean(axis=0))[2][-1]
+    while True:
+        i, j = np.array(pairs).T
+        weights = _nearest_weights(b[j] - a[i])
+        on_a, on_b = weights @ a[i], weights @ b[j]
+        gap = np.linalg.norm(on_b - on_a)
+        if gap < TOUCHING:
+            break
+        pair = _farthest(a, b, (on_a - on_b) / gap)
+        if pair in pairs or (b[pair[1]] - a[pair[0]]) @ (on_b - on_a) / gap > gap - CERTAIN / 10:
+            return float(gap), on_a, on_b
+        pairs.append(pair)
+    while True:
+        i, j = np.array(pairs).T
+        difference = b[j] - a[i]
+        hull = ConvexHull(difference)
+        facet = hull.equations[:, 3].argmax()
+        normal, depth = hull.equations[facet, :3], -hull.equations[facet, 3]
+        pair = _farthest(a, b, normal)
+        if pair in pairs or (b[pair[1]] - a[pair[0]]) @ normal < depth + CERTAIN / 10:
+            corners = difference @ normal > depth - CERTAIN / 10  # of all the triangles that are one face
+            weights = _nearest_weights(difference[corners])
+            return -float(depth), weights @ a[i[corners]], weights @ b[j[corners]]
+        pairs.append(pair)
+
+
+def _farthest(a: np.ndarray, b: np.ndarray, direction: np.ndarray) -> tuple[int, int]:
+    """The points of a and b whose difference b - a is farthest along a direction."""
+    return int((a @ direction).argmin()), int((b @ direction).argmax())
+
+
+def _nearest_weights(points: np.ndarray) -> np.ndarray:
+    """Weights (n,), none negative, of sum 1, of the point of the hull of ``points`` nearest to the origin.
+
+    Non-negative least squares of (points, 1) w = (0, 1) has that solution up to its scale.
+    """
+    weights, _ = nnls(np.vstack([points.T, np.ones(len(points))]), np.array([0.0, 0.0, 0.0, 1.0]))
+    return weights / weights.sum()
 
 
 def coordination(
@@ -343,6 +437,45 @@ def coordination(
         mean = degree[bearing].mean() if bearing.any() else np.nan
         rows.append((int(which), n, mean, 1 - np.count_nonzero(bearing) / n if n else np.nan))
     return pd.DataFrame(rows, columns=["phase", "n_grains", "coordination", "rattlers"])
+
+
+def lost_support(
+    forces: pd.DataFrame, packed: pd.DataFrame, size_um: tuple[float, float, float] | None = None
+) -> dict:
+    """How many grains leaned on virtual spheres and cannot stand without them.
+
+    A grain is carried by bodies that press on it; :data:`RATTLER_CONTACTS` of them hold it up. A grain that
+    had so many and has fewer once the spheres are gone has lost its support (what it leans on may itself
+    fall: :func:`grainfall.packing.settle` shows what becomes of that).
+
+    Parameters
+    ----------
+    forces : DataFrame
+        a, b (ids), force_n of the packing as it came to rest, spheres included.
+    packed : DataFrame
+        Its bodies (columns of bodies.csv).
+    size_um : (float, float, float), optional
+        Size of the region of interest along x, y, z: grains centred in it are counted.
+
+    Returns
+    -------
+    dict
+        on_spheres: share of grains that touch a sphere with force; lost_support: share of grains that lost
+        theirs. None without grains.
+    """
+    grains = packed[packed["kind"] == "grain"]
+    if size_um is not None:
+        grains = grains[_inside(grains, np.asarray(size_um, float))]
+    if grains.empty:
+        return {"on_spheres": None, "lost_support": None}
+    pressing = forces[forces["force_n"] > 0]
+    pairs = np.vstack([pressing[["a", "b"]].to_numpy(int), pressing[["b", "a"]].to_numpy(int)])
+    virtual = np.isin(pairs[:, 1], packed.loc[packed["kind"] == "virtual", "id"])
+    n = int(packed["id"].max()) + 1
+    every, spheres = (np.bincount(pairs[which, 0], minlength=n) for which in (slice(None), virtual))
+    every, spheres = every[grains["id"]], spheres[grains["id"]]
+    lost = (every >= RATTLER_CONTACTS) & (every - spheres < RATTLER_CONTACTS)
+    return {"on_spheres": float((spheres > 0).mean()), "lost_support": float(lost.mean())}
 
 
 def max_overlap(

@@ -1,18 +1,12 @@
 """Non-convex grains collide as convex parts: the parts are the grain, and rest where the grain would."""
 
-import os
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 import trimesh
 
-import grainfall
 from grainfall.contacts import Hulls, closest_points
+from grainfall.grains import cut
 from grainfall.packing import Parameters
-from grainfall.packing.decomposition import MOST_PIECES, decompose, union_volume
 from grainfall.packing.engine import Solid, start
 from grainfall.packing.shapes import SPHERE_DEVIATION, choose_kind, collision_shape
 
@@ -37,21 +31,21 @@ def ell() -> tuple[np.ndarray, np.ndarray]:
     return np.array(mesh.vertices), np.array(mesh.faces)
 
 
-def test_parts_of_an_l_are_its_two_boxes(ell):
-    pieces = decompose(*ell)
-    assert len(pieces) == 2
-    for piece in pieces:  # each is a box: as large as its bounding box
-        assert union_volume((piece,)) == pytest.approx(np.ptp(piece, axis=0).prod(), rel=1e-3)
-    assert sorted(np.ptp(p, axis=0).prod() for p in pieces) == pytest.approx([1, 2], abs=1e-3)
-    shape = collision_shape(*ell, Parameters())
+def shape_of(ell, decomposition: str = "auto"):
+    return collision_shape(*ell, Parameters(decomposition=decomposition), cut(*ell)[0])
+
+
+def test_an_l_collides_as_its_two_boxes(ell):
+    shape = shape_of(ell)
     assert shape.kind == "parts"
+    assert len(shape.parts) == 2
     assert shape.hull_excess == pytest.approx(1 / 6)
     assert shape.excess == pytest.approx(0, abs=0.01)
 
 
 def body(ell, decomposition: str) -> tuple[Solid, np.ndarray]:
     """The L for an engine, and the quaternion at which it stands as drawn."""
-    shape = collision_shape(*ell, Parameters(decomposition=decomposition))
+    shape = shape_of(ell, decomposition)
     solid = Solid(shape.parts, shape.bound, 3.0, shape.inertia)
     x, y, z, w = shape.frame.as_quat()
     return solid, np.array([w, x, y, z])
@@ -90,9 +84,7 @@ def test_an_l_nests_over_a_peg_where_its_hull_does_not(ell, engine, decompositio
 @pytest.mark.parametrize("decomposition", ["auto", "on", "off"])
 def test_a_convex_grain_stays_one_piece(decomposition):
     for grain in (trimesh.creation.box([1, 2, 3]), trimesh.creation.icosphere(3).apply_scale([1, 1.2, 0.7])):
-        shape = collision_shape(
-            np.array(grain.vertices), np.array(grain.faces), Parameters(decomposition=decomposition)
-        )
+        shape = shape_of((np.array(grain.vertices), np.array(grain.faces)), decomposition)
         assert shape.kind == "hull"
         assert len(shape.parts) == 1
 
@@ -112,8 +104,9 @@ def test_a_ball_collides_as_a_sphere_and_an_ellipsoid_does_not():
         ((0.1, 0.03, 0.5, "auto", 0.1), "hull"),
         ((0.2, 0.03, 0.5, "off", 0.1), "hull"),
         ((0.01, 0.03, 0.5, "on", 0.1), "parts"),
-        ((0.0, 0.03, 0.005, "auto", 0.1), "sphere"),
-        ((0.0, 0.001, 0.005, "auto", 0.1), "hull"),
+        ((0.0, 0.03, 0.002, "auto", 0.1), "sphere"),
+        ((0.0, 0.03, 0.010, "auto", 0.1), "hull"),
+        ((0.0, 0.001, 0.002, "auto", 0.1), "hull"),
     ],
 )
 def test_the_choice_follows_its_measures(figures, kind):
@@ -122,43 +115,12 @@ def test_the_choice_follows_its_measures(figures, kind):
     assert reason
 
 
-def test_a_mesh_that_cannot_be_cut_collides_as_its_hull(ell):
-    vertices, faces = ell
-    assert decompose(vertices, faces[1:]) == ()
-
-
-def bumpy() -> tuple[np.ndarray, np.ndarray]:
-    ball = trimesh.creation.icosphere(3)
-    v = np.array(ball.vertices)
-    return v * (1 + 0.35 * np.cos(3 * np.arctan2(v[:, 1], v[:, 0])) * (1 - v[:, 2] ** 2))[:, None], ball.faces
-
-
-def test_parts_take_the_place_of_most_of_the_excess():
-    vertices, faces = bumpy()
-    shape = collision_shape(vertices, np.array(faces))
-    assert shape.kind == "parts"
-    assert 2 <= len(shape.parts) <= MOST_PIECES
-    assert shape.excess < shape.hull_excess / 2
-
-
-def test_same_bytes_in_another_process_with_other_threads():
-    program = f"""
-import hashlib, sys
-sys.path.insert(0, {str(Path(__file__).parent)!r})
-from test_decomposition import bumpy
-from grainfall.packing.decomposition import decompose
-print(hashlib.md5(b"".join(p.tobytes() for p in decompose(*bumpy()))).hexdigest())
-"""
-    found = set()
-    for threads in ("1", "2"):
-        paths = os.pathsep.join([str(Path(grainfall.__file__).parents[1])])
-        environment = {**os.environ, "PYTHONPATH": paths, "OMP_NUM_THREADS": threads}
-        done = subprocess.run(
-            [sys.executable, "-c", program], env=environment, capture_output=True, text=True
-        )
-        assert len(done.stdout.split()) == 1, done.stderr
-        found.add(done.stdout)
-    assert len(found) == 1
+@pytest.mark.parametrize("decomposition", ["auto", "on"])
+def test_a_grain_without_pieces_collides_as_its_hull(ell, decomposition):
+    shape = collision_shape(*ell, Parameters(decomposition=decomposition))
+    assert shape.kind == "hull"
+    assert "one piece" in shape.reason
+    assert shape.excess == pytest.approx(1 / 6)
 
 
 def test_contacts_are_judged_by_the_parts():

@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,24 +13,20 @@ from scipy.spatial.transform import Rotation
 
 import grainfall
 from grainfall.errors import InputError
+from grainfall.grains import Library
 from grainfall.packing import Parameters, container, deposit
 from grainfall.packing.engine import Solid, start
+from grainfall.packing.parameters import MOST_VERTICES
 from grainfall.packing.shapes import collision_shape, reduce_hull, unit_sphere
 
 ENGINES = ["physx", "bullet"]
-
-
-@dataclass
-class Library:
-    vertices: list
-    faces: list
 
 
 @pytest.fixture(scope="module")
 def library() -> Library:
     """Ellipsoids cut by random planes, equal-volume radius 1, centre of mass at the origin."""
     rng = np.random.default_rng(5)
-    found = Library([], [])
+    vertices, faces = [], []
     for _ in range(8):
         ball = trimesh.creation.icosphere(2)
         v = np.array(ball.vertices) * rng.uniform(0.75, 1.25, 3)
@@ -41,9 +36,9 @@ def library() -> Library:
             v -= np.maximum(v @ d - rng.uniform(0.6, 0.9) * (v @ d).max(), 0)[:, None] * d
         mesh = trimesh.Trimesh(v, ball.faces, process=False)
         v = (v - mesh.center_mass) / (mesh.volume / (4 * np.pi / 3)) ** (1 / 3)
-        found.vertices.append(v)
-        found.faces.append(np.array(ball.faces))
-    return found
+        vertices.append(v)
+        faces.append(np.array(ball.faces, np.int32))
+    return Library(vertices, faces, pd.DataFrame({"shape": range(8)}))
 
 
 def supply(n: int, shapes: int, radii=50.0) -> pd.DataFrame:
@@ -324,3 +319,21 @@ print(module.PhysX.version)
         text=True,
     )
     assert "PhysX" in done.stdout, done.stderr
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("vertices", [32, MOST_VERTICES])
+def test_the_engine_collides_the_hull_it_is_given(engine, vertices):
+    """At rest on the floor a rounded grain touches it with its lowest vertex, in any attitude."""
+    ball = trimesh.creation.icosphere(3)
+    hull = reduce_hull(np.array(ball.vertices) * [1.1, 1.0, 0.92], vertices)
+    assert len(hull) == vertices
+    for turn in Rotation.random(4, rng=np.random.default_rng(0)):
+        box = start(Parameters.named(engine=engine), 10, 10)
+        quaternion = turn.as_quat(scalar_first=True)
+        box.add(Solid((hull,), 1.2, 4.0, np.full(3, 1.6)), np.array([5, 5, 1.3]), quaternion, np.zeros(3))
+        box.step(600)
+        state = box.state()
+        lying = Rotation.from_quat(state.quaternion[0], scalar_first=True).apply(hull) + state.position[0]
+        assert lying[:, 2].min() == pytest.approx(0, abs=0.002)
+        box.close()

@@ -54,6 +54,17 @@ def test_precedence(schema, presets):
     assert config.variant(whole, "b")["scene"]["edge_grains"] == whole["scene"]["edge_grains"]
 
 
+def test_bare_on_and_off_are_switches(schema, presets):
+    """YAML 1.1 takes them for true and false."""
+    text = (
+        "{samples: s.tsv, effects: {cement: on, densification: off}, variants: {a: {effects: {cement: off}}}}"
+    )
+    whole = config.resolve(yaml.safe_load(text), schema, presets)
+    assert (whole["effects"]["cement"], whole["effects"]["densification"]) == ("on", "off")
+    assert config.variant(whole, "a")["effects"]["cement"] == "off"
+    assert config.variant(whole, "a")["effects"]["virtual_spheres"] == "auto"
+
+
 @pytest.mark.parametrize(
     ("bad", "words"),
     [
@@ -67,7 +78,9 @@ def test_precedence(schema, presets):
         ({"variants": {"a": {"stereology": {"method": "none"}}}}, "cannot differ between variants"),
         ({"variants": {"a": {"packing": {"engin": 1}}}}, "did you mean 'engine'"),
         ({"variants": {"../a": {}}}, "is no name"),
-        ({"correction": {"limit": 0.05}}, "correction.limit"),
+        ({"feedback": {"limit": 0.05}}, "feedback.limit"),
+        ({"effects": {"cement": "maybe"}}, "one of: auto, on, off"),
+        ({"effects": {"cememt": "on"}}, "did you mean 'cement'"),
     ],
 )
 def test_mistakes(schema, presets, bad, words):
@@ -157,9 +170,10 @@ def test_every_key_is_documented(root, schema, sample_schema):
 
 
 def test_every_packing_parameter_can_be_set(schema):
-    """The schema's overrides are the fields of Parameters, and what it lets pass, they take."""
+    """Overrides are the fields of Parameters without a key of their own, and take what the schema lets."""
     known = schema["properties"]["packing"]["properties"]["overrides"]["properties"]
-    assert set(known) == {field.name for field in dataclasses.fields(Parameters)} - {"engine"}
+    own = {"engine", "decomposition"}
+    assert set(known) == {field.name for field in dataclasses.fields(Parameters)} - own
     for name, sub in known.items():
         for bound in ("minimum", "maximum"):
             if bound in sub:

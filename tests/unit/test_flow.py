@@ -163,3 +163,13 @@ class TestEstimate:
 def test_mistakes_are_named():
     with pytest.raises(InputError, match="unknown method"):
         flow.permeability(np.ones((2, 2, 2)), 1.0, "guess")
+
+
+def test_rounding_eats_no_conductance_of_a_chain():
+    """Resistors in a row, 1e14 apart: the law of series, to which the flow counted at the inlet is blind."""
+    n = 100
+    conns = np.stack([np.arange(n), np.arange(1, n + 1)], axis=1)
+    g = np.where(np.arange(n) % 2, 1e-14, 1.0)
+    ends = np.array([0]), np.array([n])
+    assert flow.two_face_conductance(conns, g, *ends) == pytest.approx(1 / (1 / g).sum(), rel=1e-9)
+    assert flow.two_face_conductance(conns[:1], g[:1], ends[0], np.array([1])) == 1

@@ -13,6 +13,7 @@ from scipy.stats import wasserstein_distance
 from grainfall import grains, io
 from grainfall.errors import InputError
 from grainfall.grains import contours
+from grainfall.grains.library import SMALLEST_EXCESS
 from grainfall.morphology import grain_masks, measure_grains
 
 seeds = st.integers(0, 2**32 - 1)
@@ -393,6 +394,37 @@ def test_library_is_reproducible_to_the_byte_and_survives_its_files(section, lib
         assert np.array_equal(loaded.vertices[k], library.vertices[k])
         assert np.array_equal(loaded.faces[k], library.faces[k])
         assert loaded.faces[k].dtype == np.int32
+        assert len(loaded.pieces[k]) == len(library.pieces[k])
+        for piece, original in zip(loaded.pieces[k], library.pieces[k], strict=True):
+            assert np.array_equal(piece, original)
+
+
+def test_pieces_survive_the_files(tmp_path):
+    """Shapes with and without pieces side by side, and a library of none at all."""
+    rng = np.random.default_rng(0)
+    ball, faces = grains.sphere(1)
+    piece = [rng.normal(size=(n, 3)).astype(np.float32).astype(float) for n in (5, 8, 6)]
+    for cuts in ([(piece[0], piece[1]), (), (piece[2],)], [(), (), ()]):
+        table = pd.DataFrame({"shape": range(3), "pieces": [len(c) for c in cuts]})
+        grains.Library([ball] * 3, [faces] * 3, table, pieces=cuts).save(tmp_path)
+        loaded = grains.Library.load(tmp_path).pieces
+        assert [len(c) for c in loaded] == [len(c) for c in cuts]
+        for found, saved in zip(loaded, cuts, strict=True):
+            assert all(np.array_equal(f, s) for f, s in zip(found, saved, strict=True))
+
+
+def test_library_shapes_have_pieces_where_their_hulls_are_too_large(library):
+    assert library.table["pieces"].tolist() == [len(cut) for cut in library.pieces]
+    cut = library.table[library.table["pieces"] > 0]
+    assert (cut["parts_excess"] < cut["hull_excess"]).all()
+    assert (cut["hull_excess"] >= SMALLEST_EXCESS).all()
+    assert library.table["parts_excess"].isna().equals(library.table["pieces"] == 0)
+
+
+def test_progress_names_every_shape(section):
+    lines = []
+    grains.build_library(*section, 2, np.random.default_rng(1), resolution=8, progress=lines.append)
+    assert [line.split(":")[0] for line in lines] == [f"shape {k} of 4" for k in (1, 2, 3, 4)]
 
 
 def test_phase_without_masks_is_an_input_error(section):

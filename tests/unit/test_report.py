@@ -135,6 +135,7 @@ def make_sample(root: Path, name="demo", variants=("full", "bullet"), realizatio
                           "mean": curve}),
         )  # fmt: skip
         io.write_json(sample / variant / "s2_envelope.json", {"p": 0.23, "n_slices": 199})
+        io.write_json(sample / variant / "scene.json", {"edge_um": 80.0, "mean_diameter_um": 25.0})
         for realization in range(realizations):
             twin = sample / variant / str(realization)
             body, volume = balls((40, 44, 48), 40, rng, (5, 8))
@@ -144,11 +145,13 @@ def make_sample(root: Path, name="demo", variants=("full", "bullet"), realizatio
             spheres = np.where((volume > 0) & (body % 5 == 0), 255, volume).astype(np.uint8)
             io.write_volume(twin / "second" / "volume.zarr.zip", {"phase": spheres}, PIXEL)
             io.write_json(twin / "first" / "packing.json", {"steps": 900, "unit_um": 12.5})
-            io.write_json(twin / "second" / "packing.json", {"steps": 1200, "passes": [{"p_sp": 0.1}]})
+            io.write_json(twin / "second" / "packing.json", {"steps": 1200, "p_sp": 0.12, "passes": []})
             io.write_json(
                 twin / "plan.json",
-                {"virtual_spheres": {"on": True, "reason": "porosity 0.36 < 0.40", "cost_s": 12.0},
-                 "correction": {"on": False, "reason": "gap 0.06 > 0.01", "cost_s": None}},
+                {"virtual_spheres": {"on": True, "forced": False, "reason": "porosity 0.36 < 0.40",
+                                     "cost_s": 12.0, "saved_s": None},
+                 "cement": {"on": False, "forced": True, "reason": "gap 0.06 > 0.01",
+                            "cost_s": None, "saved_s": 3.5}},
             )  # fmt: skip
             spheres_table = histogram("pore", 0, 6, rng)
             io.write_table(
@@ -158,13 +161,16 @@ def make_sample(root: Path, name="demo", variants=("full", "bullet"), realizatio
                     difference=lambda t: t["target"] - t["first"],
                     used=lambda t: t["difference"].clip(lower=0)),
             )  # fmt: skip
-            io.write_json(twin / "virtual_spheres.json", {"p_sp": 0.12})
             io.write_table(
                 twin / "bodies.csv",
                 pd.DataFrame({"id": range(40), "kind": "grain", "phase": [1, 2] * 20,
                               "scale": rng.normal(13, 2, 40), "x": rng.uniform(-20, 110, 40),
                               "y": rng.uniform(0, 80, 40), "z": rng.uniform(0, 80, 40)}),
             )  # fmt: skip
+            pairs = pd.DataFrame({"grain_a": range(39), "grain_b": range(1, 40)})
+            middle = {"x": rng.uniform(0, 80, 39), "y": 40.0, "z": rng.uniform(0, 80, 39)}
+            force = rng.exponential(1e-6, 39) * (np.arange(39) % 5 > 0)
+            io.write_table(twin / "contacts.csv", pairs.assign(**middle, force_n=force))
             seen, twin_pores = (
                 grain_table(rng, 60, 12.5),
                 grain_table(rng, 60, 5).rename(columns={"grain": "pore"}),
@@ -370,6 +376,7 @@ def test_phase_names_are_data_in_the_3d_view(tmp_path):
         {
             "*/*/s2_slices.csv": "S₂ has not been computed yet",
             "*/*/flow.csv": "No permeability has been computed yet",
+            "*/*/contacts.csv": "The contacts have not been found yet",
             "sizes.csv": "No sizes have been unfolded yet",
             "grains3d/*": "The grain library is not there yet",
             "*/*/network_*": "The pore network has not been extracted",

@@ -1,4 +1,4 @@
-"""Scene, plan of the virtual spheres, and the second packing's decisions, without any engine."""
+"""Scene, what the first packing lacks, and the second packing's decisions, without any engine."""
 
 import numpy as np
 import pandas as pd
@@ -6,6 +6,7 @@ import pytest
 
 from grainfall import packing, stereology
 from grainfall.errors import InputError
+from grainfall.packing.densify import SLICK
 
 SCENE = {
     "edge_grains": 8.0,
@@ -77,82 +78,334 @@ def test_infeasible_regions_are_refused(over, words):
         scene(**over)
 
 
-def spheres(first, **over):
-    given = {"enabled": True, "limit": 0.01} | over
-    return packing.plan_spheres(scene(), equal(12.0), equal(6.0), first, 1e4, **given)
+def test_phase_mixing_only_with_more_than_one_mineral():
+    mixed = scene()
+    assert mixed["phase_mixing"]["on"]
+    assert not mixed["phase_mixing"]["forced"]
+    alone = scene(phase_mixing="off")
+    assert alone["probabilities"] == [1.0, 0.0]  # quartz, four fifths of the solid
+    assert "although 2 minerals" in alone["phase_mixing"]["reason"]
+    assert {k: alone[k] for k in ("edge_um", "shape_zyx")} == {k: mixed[k] for k in ("edge_um", "shape_zyx")}
+    one = {**SECTION, "phases": ["pore", "quartz"], "fractions": [1.0]}
+    plans = [
+        packing.plan_scene(SIZES, one, **{**SCENE, "edge_um": 200.0}, phase_mixing=s) for s in ("auto", "on")
+    ]
+    assert not any(p.pop("phase_mixing")["on"] for p in plans)
+    assert plans[0] == plans[1]
+
+
+# ---- large pores
+
+
+def circles(radii, slices=None):
+    table = pd.DataFrame({"r_um": radii, "weight": 1.0})
+    return table if slices is None else table.assign(slice=np.arange(len(radii)) % slices)
+
+
+def tail_of(section, first, seed=0):
+    return packing.pore_tail(circles(section), circles(first, 10), 0.3, 0.35, np.random.default_rng(seed))
+
+
+def test_pores_of_one_population_have_no_tail():
+    """At 99 % confidence one pair in a hundred may be told apart by chance; of 100, hardly five."""
+    rng = np.random.default_rng(1)
+    draw = lambda n: rng.lognormal(1.5, 0.4, n)  # noqa: E731
+    assert sum(tail_of(draw(300), draw(600), k).exceeds for k in range(100)) < 5
+
+
+def test_vugs_are_a_tail_of_their_volume():
+    """Vugs of a sixth of the pore area: all of them, and nothing else, lies beyond the packing's tail."""
+    rng = np.random.default_rng(2)
+    small, first = rng.uniform(3, 8, 1000), rng.uniform(3, 8, 1000)
+    vugs = np.full(12, (small**2).sum() ** 0.5 / 60**0.5)
+    found = tail_of(np.concatenate([small, vugs]), first)
+    assert found.exceeds
+    assert found.first_um == pytest.approx(8, abs=0.2)
+    assert found.target_um == vugs[0]
+    # of the section's pores 1/6 are vugs and some 5 % of the rest lie beyond the quantile, as in the packing
+    assert found.share == pytest.approx(0.3 * (1 / 6 + 5 / 6 * 0.05) - 0.35 * 0.05, abs=0.005)
+
+
+def test_without_circles_there_is_no_tail():
+    rng = np.random.default_rng(3)
+    none = packing.pore_tail(circles([]), circles([5.0, 6.0], 2), 0.3, 0.3, rng)
+    assert not none.exceeds
+    assert "no pore circles" in none.words
+
+
+# ---- what the first packing lacks
+
+
+NO_TAIL = packing.PoreTail(8.0, 8.0, -1.0, 0.0)
+VUGS = packing.PoreTail(20.0, 8.0, 5.0, 0.08)
+
+
+def deficit(first, tail=NO_TAIL, **over):
+    given = {"switch": "auto", "limit": 0.01} | over
+    return packing.plan_deficit(scene(), equal(12.0), equal(6.0), tail, first, 1e4, **given)
 
 
 @pytest.mark.parametrize(
-    ("first", "over", "called_for", "words"),
+    ("first", "over", "on", "words"),
     [
-        (0.35, {}, True, "exceeds"),
-        (0.395, {}, False, "scaling of positions"),
-        (0.45, {}, False, "target 0.4000 not reachable by this plan, nearest 0.4500"),
-        (0.35, {"enabled": False}, False, "switched off"),
+        (0.35, {}, True, "exceeds the first packing's 0.3500"),
+        (0.395, {}, False, "within 0.01 of the target 0.4000"),
+        (0.395, {"switch": "on"}, True, "forced on in the config, although"),
+        (0.45, {}, False, "target porosity 0.4000 is below the first packing's 0.4500"),
+        (0.45, {"switch": "on"}, False, "with nothing to do"),
+        (0.35, {"switch": "off"}, False, "switched off in the config, although the target porosity"),
+        (0.45, {"tail": VUGS}, True, "large-pore radius of 20 um"),
+        (0.395, {"tail": VUGS}, True, "exceeds the first packing's 8 um beyond sampling"),
+        (0.45, {"tail": VUGS, "switch": "off"}, False, "switched off in the config, although"),
     ],
 )
-def test_spheres_only_where_the_target_exceeds_the_first_packing(first, over, called_for, words):
-    sizes, plan = spheres(first, **over)
-    assert plan["called_for"] is called_for
-    assert words in plan["reason"]
-    assert (plan["p_sp"] > 0) is called_for
-    if called_for:
-        k = 0.6 / (0.4 - first) * sizes.mean_volume / 1e4
-        assert plan["p_sp"] == pytest.approx(1 / (1 + k))
+def test_spheres_where_porosity_or_large_pores_exceed_the_first_packing(first, over, on, words):
+    sizes, plan = deficit(first, **over)
+    found = plan["virtual_spheres"]
+    assert found["on"] is on
+    assert words in found["reason"]
+    assert (found["p_sp"] > 0) is on
+    if on:
+        share = plan["tail"]["share"] if found["for_tail"] else 0.0
+        wanted = share + (1 - share) * first if found["for_tail"] else 0.4
+        k = (1 - wanted) / (wanted - first) * sizes.mean_volume / 1e4
+        assert found["p_sp"] == pytest.approx(1 / (1 + k))
+
+
+@pytest.mark.parametrize("share", [0.02, 0.3])
+def test_where_the_porosity_calls_for_spheres_it_sets_their_share(share):
+    """However large the tail: a bed that has to become looser is not to be packed denser."""
+    vugs = packing.PoreTail(20.0, 8.0, 5.0, share)
+    assert deficit(0.30, tail=vugs)[1]["virtual_spheres"]["on"]
+    without, found = (deficit(0.30, tail=tail)[1]["virtual_spheres"] for tail in (NO_TAIL, vugs))
+    assert not found["for_tail"]
+    assert found["p_sp"] == without["p_sp"]
+
+
+def test_spheres_for_vugs_are_no_smaller_than_vugs():
+    sizes, _ = deficit(0.45, tail=packing.PoreTail(20.0, 12.05, 5.0, 0.08))
+    assert sizes.quantile(np.array([0.0]))[0] >= 12.05
 
 
 def test_sizes_survive_their_table():
-    sizes, _ = spheres(0.35)
+    sizes, _ = deficit(0.35)
     again = packing.VirtualSizes.from_table(sizes.to_table())
     q = np.linspace(0, 1, 9)
     np.testing.assert_array_equal(again.quantile(q), sizes.quantile(q))
     assert again.called_for
 
 
-def bodies(kind):
-    return pd.DataFrame({"kind": kind})
+# ---- the second packing, in a bed that is a formula
 
 
-def test_without_a_call_the_first_packing_is_the_second():
-    _, plan = spheres(0.45)
-    first = bodies(["grain"] * 3), {"poured": 3}
+class Bed:
+    """Porosity that falls with lubrication and with the logarithm of taps, and rises with spheres.
 
-    def never(_):
-        raise AssertionError("nothing is to be poured")
+    A pass of the packing is remembered; the bodies carry what they were packed with.
+    """
 
-    table, report = packing.pack_again(plan, never, never, first, tolerance=0.01, passes=4)
-    assert table is first[0]
-    assert report["passes"] == []
-    assert "not reachable" in report["reason"]
+    def __init__(self, first, slick=0.08, tap=0.01, c=0.5):
+        self.first, self.slick, self.tap, self.c, self.calls = first, slick, tap, c, []
+
+    def pack(self, p_sphere, lubrication, taps):
+        self.calls.append((p_sphere, lubrication, taps))
+        bodies = pd.DataFrame({"kind": ["grain"] * 9 + ["virtual"] * round(9 * p_sphere)})
+        bodies["call"] = len(self.calls) - 1
+        return bodies, {"wall_s": 2.0, "p_sp": p_sphere}
+
+    def porosity(self, grains):
+        assert (grains["kind"] == "grain").all()
+        p, lubrication, taps = self.calls[grains["call"].iloc[0]]
+        matrix = self.first - self.slick * (1 - lubrication**0.7) - self.tap * np.log2(1 + taps)
+        return 1 - (1 - matrix) / (1 + self.c * p / (1 - p))
+
+    def second(self, plan, **over):
+        return packing.pack_again(plan, self.pack, self.porosity, FIRST, **{"passes": 6, **over})
 
 
-def test_second_packing_repeats_until_the_porosity_fits():
-    """A model bed in which each percent of spheres leaves half a percent of porosity."""
-    _, plan = spheres(0.35)
+FIRST = pd.DataFrame({"kind": ["grain"] * 3}), {"poured": 3, "p_sp": 0.0, "wall_s": 3.0}
+
+
+@pytest.mark.parametrize(
+    ("first", "spheres", "densification"),
+    [(0.40, "on", "on"), (0.405, "on", "auto"), (0.395, "auto", "on"), (0.40, "auto", "auto")],
+)
+def test_forced_on_without_a_deficit_is_a_no_op(first, spheres, densification):
+    """Bodies are the first packing's own, and no packing is made for it."""
+    bed = Bed(first)
+    bodies, report = bed.second(deficit(first, switch=spheres)[1], densification=densification)
+    assert bodies is FIRST[0]
+    assert bed.calls == report["passes"] == []
+    assert report["reached"]
+    assert not report["densification"]["on"]
+
+
+def test_spheres_repeat_until_the_porosity_fits():
+    bed = Bed(0.35, c=0.2)
+    bodies, report = bed.second(deficit(0.35)[1])
+    assert report["reached"]
+    assert abs(bed.porosity(bodies[bodies["kind"] == "grain"]) - 0.4) <= 0.01
+    assert [p["p_sphere"] for p in report["passes"]] == [call[0] for call in bed.calls]
+    assert all(call[1:] == (1.0, 0) for call in bed.calls)
+
+
+@pytest.mark.parametrize("first", [0.42, 0.44, 0.47])
+def test_lubrication_meets_a_target_below_the_first_packing(first):
+    bed = Bed(first)
+    _, report = bed.second(deficit(first)[1])
+    assert report["reached"]
+    assert report["densification"]["on"]
+    assert "below the" in report["densification"]["reason"]
+    assert bed.calls[0] == (0.0, SLICK, 0)
+    assert all(SLICK <= lubrication <= 1 for _, lubrication, _ in bed.calls)
+    assert all(taps == 0 for *_, taps in bed.calls)
+
+
+def test_tapping_where_lubrication_is_not_enough():
+    bed = Bed(0.51)
+    _, report = bed.second(deficit(0.51)[1])
+    assert report["reached"]
+    assert bed.calls[0] == (0.0, SLICK, 0)
+    assert all(lubrication == SLICK and taps > 0 for _, lubrication, taps in bed.calls[1:])
+
+
+def test_a_bed_that_stays_too_loose_is_said_and_is_the_densest():
+    """Taps that do nothing are given up; cement has to do the rest."""
+    bed = Bed(0.51, tap=1e-4)
+    bodies, report = bed.second(deficit(0.51)[1])
+    assert not report["reached"]
+    assert len(bed.calls) == 3
+    assert bed.calls[bodies["call"].iloc[0]] == (0.0, SLICK, 16)
+    came_to = bed.porosity(bodies[bodies["kind"] == "grain"])
+    assert f"lubrication and tapping came to {came_to:.4f}" in report["reason"]
+
+
+def test_switched_off_densification_visibly_misses():
+    bed = Bed(0.45)
+    bodies, report = bed.second(deficit(0.45)[1], densification="off")
+    assert bodies is FIRST[0]
+    assert not report["reached"]
+    assert report["reason"].startswith("switched off in the config, although the target porosity 0.4000")
+    assert report["densification"]["called_for"]
+
+
+def test_switched_off_spheres_visibly_miss():
+    _, report = Bed(0.35).second(deficit(0.35, switch="off")[1])
+    assert not report["reached"]
+    assert report["porosity"] == 0.35
+
+
+def test_vugs_in_a_dense_rock_get_spheres_and_lubrication():
+    """Spheres keep the share that the vugs want; the grains about them are packed denser."""
+    plan = deficit(0.42, tail=VUGS)[1]
+    bed = Bed(0.42, slick=0.15)
+    bodies, report = bed.second(plan)
+    assert report["reached"]
+    assert {call[0] for call in bed.calls} == {plan["virtual_spheres"]["p_sp"]}
+    assert bed.calls[0][1:] == (1.0, 0)
+    assert (bodies["kind"] == "virtual").any()
+    assert report["densification"]["on"]
+
+
+def test_vugs_that_leave_the_porosity_short_are_corrected_by_feedback():
+    """Where spheres open the bed less than their formula says, more of them are poured."""
+    bed = Bed(0.391, c=0.02)
+    plan = deficit(0.395, tail=packing.PoreTail(20.0, 8.0, 5.0, 0.02))[1]
+    plan["porosity_first"] = 0.38
+    bed.first = 0.38
+    _, report = bed.second(plan)
+    assert report["passes"][-1]["p_sphere"] > plan["virtual_spheres"]["p_sp"]
+    assert report["reached"]
+
+
+# ---- refinement
+
+
+def coarse_and_fine(overlap):
     tried = []
 
-    def pack_with(p):
-        tried.append(p)
-        return bodies(["grain"] * 100 + ["virtual"] * round(1e4 * p)), {"p_sp": p}
+    def pack_with(parameters):
+        tried.append(parameters)
+        return pd.DataFrame(), {"max_overlap": overlap * parameters.dt / 0.01, "wall_s": 1.0 + len(tried)}
 
-    def porosity_of(grains):
-        assert (grains.kind == "grain").all()
-        return 0.35 + 0.5 * tried[-1]
-
-    _, report = packing.pack_again(plan, pack_with, porosity_of, (None, {}), tolerance=0.01, passes=6)
-    assert report["reached"]
-    assert abs(0.35 + 0.5 * report["p_sp"] - 0.4) <= 0.01
-    assert len(report["passes"]) == len(tried) <= 6
+    return tried, pack_with
 
 
-def test_plan_gives_a_reason_for_every_effect():
-    shapes = {"hull_excess": 0.12, "collision_excess": 0.06, "n_spheres": 0, "n_hulls": 4, "n_decomposed": 5}
-    first = {**shapes, "poured": 9, "engine": "PhysX", "steps": 7}
-    _, virtual = spheres(0.45)
-    correction = {"applied": False, "reason": "target not reachable"}
-    plan = packing.effects_plan(scene(), first, virtual, first, correction, {"first_packing": 1.5})
-    assert all(effect["reason"] for effect in plan.values())
-    assert plan["gravity_packing"]["cost_s"] == 1.5
-    assert not plan["virtual_spheres"]["on"]
-    assert not plan["position_scaling"]["on"]
-    assert plan["phase_mixing"]["on"]
+@pytest.mark.parametrize(
+    ("overlap", "switch", "on"),
+    [
+        (0.03, "auto", True),
+        (0.01, "auto", False),
+        (0.01, "on", True),
+        (0.03, "off", False),
+    ],
+)
+def test_refinement_where_grains_overlap(overlap, switch, on):
+    tried, pack_with = coarse_and_fine(overlap)
+    _, report = packing.pack_first(pack_with, packing.Parameters(), switch)
+    found = report["refinement"]
+    assert found["on"] is on
+    assert found["forced"] is (switch != "auto")
+    assert len(tried) == 1 + on
+    assert f"{overlap:.4f}" in found["reason"]
+    if on:
+        assert tried[1].dt == tried[0].dt / 2
+        assert tried[1].solver_iterations == 2 * tried[0].solver_iterations
+        assert found["cost_s"] == 3.0
+        assert report["wall_s"] == 2.0 + 3.0
+
+
+# ---- the plan
+
+
+@pytest.mark.parametrize(
+    ("switch", "called_for", "possible", "on", "words"),
+    [
+        ("auto", True, True, True, "why"),
+        ("auto", False, True, False, "why"),
+        ("on", True, True, True, "why"),
+        ("on", False, True, True, "forced on in the config, although why"),
+        ("on", False, False, False, "forced on in the config, with nothing to do: why"),
+        ("off", True, True, False, "switched off in the config, although why"),
+        ("off", False, True, False, "switched off in the config, why"),
+    ],
+)
+def test_decisions(switch, called_for, possible, on, words):
+    found = packing.decide(switch, called_for, "why", possible)
+    assert found == {
+        "on": on,
+        "forced": switch != "auto",
+        "called_for": called_for,
+        "reason": words,
+    }
+
+
+def test_plan_gives_reason_and_cost_or_saving_of_every_effect():
+    first = {"poured": 9, "engine": "PhysX", "steps": 7, "wall_s": 3.0}
+    first |= {"n_hulls": 8, "n_decomposed": 1, "n_spheres": 0, "collision_excess": 0.02, "hull_excess": 0.03}
+    first |= {"parameters": {"decomposition": "auto"}}
+    first["refinement"] = {**packing.decide("auto", False, "no overlap"), "cost_s": None}
+    bed = Bed(0.47)
+    plan = deficit(0.47)[1]
+    _, second = bed.second(plan)
+    scaling = {"applied": True, "forced": False, "reason": "positions scaled", "wall_s": 4.0, "passes": 4}
+    cement = {**packing.decide("off", False, "no need"), "wall_s": 0.0}
+    found = packing.effects_plan(scene(), first, plan, second, scaling, cement)
+    assert all(effect["reason"] for effect in found.values())
+    optional = "decomposition refinement phase_mixing virtual_spheres densification position_scaling cement"
+    assert set(optional.split()) <= set(found)
+    for effect in found.values():
+        assert effect["saved_s"] is None or not effect["on"]
+        assert effect["cost_s"] is None or effect["on"]
+    assert found["gravity_packing"]["cost_s"] == 3.0
+    assert found["refinement"]["saved_s"] == 6.0
+    assert found["virtual_spheres"]["saved_s"] == 3.0
+    assert found["densification"]["cost_s"] == 2.0 * len(bed.calls)
+    assert found["position_scaling"]["cost_s"] == 4.0
+    assert found["cement"] == {
+        "on": False,
+        "forced": True,
+        "reason": "switched off in the config, no need",
+        "cost_s": None,
+        "saved_s": 2.0,
+    }

@@ -310,8 +310,10 @@ def test_correction_refuses_a_large_step():
     assert report["scale_factor"] == 1.0
     assert report["after"] == report["before"]
     pd.testing.assert_frame_equal(moved, bodies)
-    off = volume.correct_porosity(bodies, library, (30, 30, 30), 1.0, 0.9, limit=0.0)[1]
-    assert (off["applied"], off["reason"]) == (False, "switched off")
+    start = report["before"]["porosity"] + 0.005
+    off = volume.correct_porosity(bodies, library, (30, 30, 30), 1.0, start, switch="off")[1]
+    assert not off["applied"]
+    assert off["reason"] == "switched off in the config, 0.0050 from the target"
 
 
 def test_correction_says_when_nothing_can_move_in():

@@ -149,6 +149,16 @@ def where_referenced(path):
     return of
 
 
+def where_checked(path):
+    """An input function: ``path`` of a twin whose skeleton is settled anew as a check, else nothing."""
+
+    def of(wildcards):
+        checked = int(wildcards.realization) < CONFIG["contacts"]["resettled"]
+        return expand(f"{TWIN}/{path}", **dict(wildcards.items())) if checked else []
+
+    return of
+
+
 def timed(*jobs):
     """Benchmark files of a twin's jobs, without those that the cache may have spared."""
     kept = [job for job in jobs if not (CACHING and job in CACHED_JOBS)]

@@ -28,6 +28,7 @@ rule morphology:
 rule measure_slices:
     input:
         twin=f"{TWIN}/twin.zarr.zip",
+        bodies=f"{TWIN}/bodies.csv",
         summary=f"{SAMPLE}/section.json",
     output:
         grains=f"{TWIN}/grains2d.csv",
@@ -44,7 +45,7 @@ rule measure_slices:
     params:
         stream=stream,
         settings=settings("morphology", "correlation"),
-        science=science("morphology"),
+        science=science("morphology", "volume.cement"),
     script:
         "../../scripts/measure_slices.py"
 

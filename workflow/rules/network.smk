@@ -76,6 +76,7 @@ rule contacts:
     input:
         library=f"{SAMPLE}/grains3d",
         packed=f"{TWIN}/second/bodies.csv",
+        forces=f"{TWIN}/second/forces.csv",
         bodies=f"{TWIN}/bodies.csv",
         twin=f"{TWIN}/twin.zarr.zip",
     output:
@@ -91,7 +92,30 @@ rule contacts:
         mem_mb=3000,
         runtime=60,
     params:
-        settings=settings("contacts", "packing"),
+        settings=settings("contacts", "packing", "effects"),
         science=science("contacts"),
     script:
         "../../scripts/contacts.py"
+
+
+rule resettling:
+    input:
+        scene=f"{VARIANT}/scene.json",
+        library=f"{SAMPLE}/grains3d",
+        packed=f"{TWIN}/second/bodies.csv",
+    output:
+        change=f"{TWIN}/resettling.json",
+    log:
+        f"{TWIN}/logs/resettling.log",
+    benchmark:
+        f"{TWIN}/benchmarks/resettling.tsv"
+    conda:
+        ENVS["packing"]
+    resources:
+        mem_mb=4000,
+        runtime=120,
+    params:
+        settings=settings("packing", "effects"),
+        science=science("packing", "volume", "correlation"),
+    script:
+        "../../scripts/resettling.py"

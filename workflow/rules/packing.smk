@@ -1,4 +1,4 @@
-"""Packing: the scene, two gravity packings with temporary virtual spheres between them."""
+"""Packing: the scene, the first gravity packing, what it lacks, and the second that makes up for it."""
 
 
 rule scene:
@@ -19,7 +19,7 @@ rule scene:
         runtime=5,
     params:
         row=sample_row,
-        settings=settings("scene", "packing"),
+        settings=settings("scene", "effects"),
         science=science("packing"),
     script:
         "../../scripts/scene.py"
@@ -32,6 +32,7 @@ rule first_packing:
         library=f"{SAMPLE}/grains3d",
     output:
         bodies=f"{TWIN}/first/bodies.csv",
+        forces=f"{TWIN}/first/forces.csv",
         packing=f"{TWIN}/first/packing.json",
     log:
         f"{TWIN}/logs/first_packing.log",
@@ -45,25 +46,25 @@ rule first_packing:
         runtime=240,
     params:
         stream=stream,
-        settings=settings("scene", "packing"),
+        settings=settings("packing", "effects"),
         science=science("packing"),
     script:
         "../../scripts/first_packing.py"
 
 
-rule virtual_spheres:
+rule deficit:
     input:
         scene=f"{VARIANT}/scene.json",
         section_pores=f"{VARIANT}/section_pores2d.csv",
         volume=f"{TWIN}/first/volume.zarr.zip",
     output:
         sizes=f"{TWIN}/virtual_spheres.csv",
-        plan=f"{TWIN}/virtual_spheres.json",
+        deficit=f"{TWIN}/deficit.json",
         pores=f"{TWIN}/first/pores2d.csv",
     log:
-        f"{TWIN}/logs/virtual_spheres.log",
+        f"{TWIN}/logs/deficit.log",
     benchmark:
-        f"{TWIN}/benchmarks/virtual_spheres.tsv"
+        f"{TWIN}/benchmarks/deficit.tsv"
     conda:
         ENVS["analysis"]
     resources:
@@ -72,16 +73,11 @@ rule virtual_spheres:
     params:
         stream=stream,
         settings=settings(
-            "scene",
-            "virtual_spheres",
-            "correction",
-            "morphology",
-            "stereology",
-            "correlation",
+            "effects", "feedback", "morphology", "stereology", "correlation"
         ),
         science=science("packing", "morphology", "stereology"),
     script:
-        "../../scripts/virtual_spheres.py"
+        "../../scripts/deficit.py"
 
 
 rule second_packing:
@@ -91,10 +87,12 @@ rule second_packing:
         library=f"{SAMPLE}/grains3d",
         first=f"{TWIN}/first/bodies.csv",
         first_report=f"{TWIN}/first/packing.json",
+        first_forces=f"{TWIN}/first/forces.csv",
         spheres=f"{TWIN}/virtual_spheres.csv",
-        plan=f"{TWIN}/virtual_spheres.json",
+        deficit=f"{TWIN}/deficit.json",
     output:
         bodies=f"{TWIN}/second/bodies.csv",
+        forces=f"{TWIN}/second/forces.csv",
         packing=f"{TWIN}/second/packing.json",
     log:
         f"{TWIN}/logs/second_packing.log",
@@ -108,7 +106,7 @@ rule second_packing:
         runtime=480,
     params:
         stream=stream,
-        settings=settings("scene", "packing", "virtual_spheres", "correction"),
+        settings=settings("packing", "effects", "feedback"),
         science=science("packing", "volume"),
     script:
         "../../scripts/second_packing.py"

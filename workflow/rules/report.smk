@@ -3,7 +3,7 @@
 TWIN_JOBS = [
     "first_packing",
     "first_volume",
-    "virtual_spheres",
+    "deficit",
     "second_packing",
     "twin",
     "measure_slices",
@@ -20,6 +20,7 @@ FIGURES = [
     "gallery",
     "packings",
     "virtual",
+    "forces",
     "s2",
     "network",
 ]
@@ -29,10 +30,10 @@ rule plan:
     input:
         scene=f"{VARIANT}/scene.json",
         first=f"{TWIN}/first/packing.json",
-        spheres=f"{TWIN}/virtual_spheres.json",
+        deficit=f"{TWIN}/deficit.json",
         second=f"{TWIN}/second/packing.json",
         correction=f"{TWIN}/correction.json",
-        benchmarks=timed("first_packing", "virtual_spheres", "second_packing", "twin"),
+        cement=f"{TWIN}/cement.json",
     output:
         plan=f"{TWIN}/plan.json",
     log:
@@ -57,7 +58,7 @@ rule metrics:
         section_grains=f"{VARIANT}/section_grains2d.csv",
         section_pores=f"{VARIANT}/section_pores2d.csv",
         second=f"{TWIN}/second/packing.json",
-        spheres=f"{TWIN}/virtual_spheres.json",
+        deficit=f"{TWIN}/deficit.json",
         correction=f"{TWIN}/correction.json",
         twin=f"{TWIN}/twin.zarr.zip",
         bodies=f"{TWIN}/bodies.csv",
@@ -71,6 +72,7 @@ rule metrics:
         network_throats=f"{TWIN}/network_throats.csv",
         flow=f"{TWIN}/flow.csv",
         contacts=f"{TWIN}/contacts.json",
+        resettling=where_checked("resettling.json"),
         reference_flow=where_referenced("reference_flow.csv"),
         reference_pores=where_referenced("reference_network_pores.csv"),
         reference_throats=where_referenced("reference_network_throats.csv"),

@@ -1,4 +1,4 @@
-"""Volume: bodies to voxels, spheres removed, porosity corrected; exports for other tools."""
+"""Volume: bodies to voxels, spheres removed, the last of the porosity, cement; exports for other tools."""
 
 
 rule packed_volume:
@@ -29,10 +29,12 @@ rule twin:
         scene=f"{VARIANT}/scene.json",
         library=f"{SAMPLE}/grains3d",
         bodies=f"{TWIN}/second/bodies.csv",
+        packing=f"{TWIN}/second/packing.json",
     output:
         twin=f"{TWIN}/twin.zarr.zip",
         bodies=f"{TWIN}/bodies.csv",
         correction=f"{TWIN}/correction.json",
+        cement=f"{TWIN}/cement.json",
     log:
         f"{TWIN}/logs/twin.log",
     benchmark:
@@ -44,7 +46,7 @@ rule twin:
         runtime=60,
     params:
         stream=stream,
-        settings=settings("correction"),
+        settings=settings("effects", "feedback"),
         science=science("volume"),
     script:
         "../../scripts/twin.py"

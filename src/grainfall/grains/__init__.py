@@ -2,7 +2,7 @@
 
 from grainfall.grains.contours import Unusable
 from grainfall.grains.export import export_bodies, export_shape
-from grainfall.grains.library import SPHERE, Library, build_library, sphere
+from grainfall.grains.library import SPHERE, Library, build_library, cut, sphere
 from grainfall.grains.shape import Grain, grain_from_contours, grain_from_masks, mass_properties, unit_contour
 
 __all__ = [
@@ -11,6 +11,7 @@ __all__ = [
     "Library",
     "Unusable",
     "build_library",
+    "cut",
     "export_bodies",
     "export_shape",
     "grain_from_contours",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from scipy.spatial import ConvexHull
 from grainfall import io
 from grainfall.errors import InputError
 from grainfall.grains.contours import Unusable
+from grainfall.grains.decomposition import decompose, union_volume
 from grainfall.grains.shape import (
     Grain,
     agreed_half_axes,
@@ -25,6 +27,10 @@ from grainfall.morphology import grain_masks
 
 SPHERE = -1
 """Shape id of a sphere, which is in no library."""
+
+SMALLEST_EXCESS = 0.07
+"""Volume of the hull over the shape's own, minus 1, below which a shape is not worth cutting: the pieces of a
+thin section's grains keep about as much (:data:`grainfall.grains.decomposition.CONCAVITY`)."""
 
 _UNIT_VOLUME = 4 * np.pi / 3
 _MASKS_A_BIN, _MOST_BINS = 12, 10
@@ -48,15 +54,23 @@ class Library:
         mask_xz, mask_yz (grain ids), stretch, iou_xy, iou_xz, iou_yz, reading, hull_excess (V_hull / V − 1),
         aspect_ratio (longest over shortest axis of the ellipsoid of equal inertia), elongation (intermediate
         over longest), flatness (shortest over intermediate), sphericity (area of the equal-volume sphere over
-        area) and inertia_xx … inertia_yz (tensor at unit density).
+        area), pieces (their number), parts_excess (V_union of the pieces / V − 1; empty without) and
+        inertia_xx … inertia_yz (tensor at unit density).
     skipped : DataFrame
         Masks that could not be used: grain, phase, reason.
+    pieces : list of tuple of (k, 3) float ndarray
+        Vertices of the convex pieces that a non-convex shape is cut into, in the shape's frame; an empty
+        tuple where there are none, see :func:`cut`. By default no shape has any.
     """
 
     vertices: list[np.ndarray]
     faces: list[np.ndarray]
     table: pd.DataFrame
     skipped: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=["grain", "phase", "reason"]))
+    pieces: list[tuple[np.ndarray, ...]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.pieces = self.pieces or [()] * len(self.vertices)
 
     def __len__(self) -> int:
         return len(self.vertices)
@@ -68,11 +82,15 @@ class Library:
     def save(self, folder: str | Path) -> None:
         """Write ``shapes.npz``, ``library.csv`` and ``skipped.csv``; equal content gives equal bytes."""
         folder = Path(folder)
+        flat = [piece for cut in self.pieces for piece in cut]
         arrays = {
             "vertices": np.concatenate([v.astype(np.float32) for v in self.vertices]),
             "vertex_counts": np.array([len(v) for v in self.vertices], dtype=np.int64),
             "faces": np.concatenate(self.faces).astype(np.int32),
             "face_counts": np.array([len(f) for f in self.faces], dtype=np.int64),
+            "pieces": np.concatenate([np.empty((0, 3)), *flat]).astype(np.float32),
+            "piece_counts": np.array([len(p) for p in flat], dtype=np.int64),
+            "pieces_a_shape": np.array([len(cut) for cut in self.pieces], dtype=np.int64),
         }
         io.write_arrays(folder / "shapes.npz", arrays)
         io.write_table(folder / "library.csv", self.table)
@@ -89,15 +107,24 @@ class Library:
         """
         folder = Path(folder)
         arrays = io.read_arrays(folder / "shapes.npz")
-        parts = [
-            np.split(arrays[name], np.cumsum(arrays[counts])[:-1])
-            for name, counts in (("vertices", "vertex_counts"), ("faces", "face_counts"))
-        ]
+        vertices, faces, flat = (
+            np.split(arrays[name], np.cumsum(arrays[counts]))[:-1]
+            for name, counts in (
+                ("vertices", "vertex_counts"),
+                ("faces", "face_counts"),
+                ("pieces", "piece_counts"),
+            )
+        )
+        ends = np.cumsum(arrays["pieces_a_shape"])
         return cls(
-            [v.astype(np.float64) for v in parts[0]],
-            parts[1],
+            [v.astype(np.float64) for v in vertices],
+            faces,
             io.read_table(folder / "library.csv"),
             io.read_table(folder / "skipped.csv"),
+            [
+                tuple(piece.astype(np.float64) for piece in flat[end - n : end])
+                for end, n in zip(ends, arrays["pieces_a_shape"], strict=True)
+            ],
         )
 
 
@@ -115,8 +142,9 @@ def build_library(
     *,
     candidates: int = 12,
     resolution: int | None = None,
+    progress: Callable[[str], None] | None = None,
 ) -> Library:
-    """Draw masks, three to a grain, and build the shapes of every mineral.
+    """Draw masks, three to a grain, and build the shapes of every mineral, cut into convex pieces.
 
     The first mask is drawn from the mineral's uncut grains by their Miles–Lantuéjoul weights, the other two
     by the same weights from its size bin (equal counts of a dozen masks or more, at most ten bins). Each is
@@ -136,6 +164,8 @@ def build_library(
         Draws of the second and third mask for each shape; 1 takes the first that comes.
     resolution : int, optional
         Points around the equator, see :func:`~grainfall.grains.grain_from_masks`.
+    progress : callable, optional
+        Is told in a line of each shape made.
 
     Returns
     -------
@@ -150,6 +180,7 @@ def build_library(
         raise InputError("grains2d", "there is no grain", "give a section with grains")
     usable, skipped = _contours(labels, grains2d)
     shapes, rows = [], []
+    total = shapes_per_phase * grains2d["phase"].nunique()
     for phase in sorted(grains2d["phase"].unique()):
         masks = usable[usable["phase"] == phase]
         if masks.empty:
@@ -164,7 +195,8 @@ def build_library(
             chosen, contours = _three_masks(masks["contour"].to_list(), bins, weight, candidates, rng)
             grain = grain_from_contours(contours, resolution=resolution)
             vertices, properties = _normalised(grain)
-            shapes.append((vertices, grain.faces))
+            pieces, parts_excess = cut(vertices, grain.faces)
+            shapes.append((vertices, grain.faces, pieces))
             rows.append(
                 {
                     "shape": len(rows),
@@ -177,10 +209,41 @@ def build_library(
                     **{f"iou_{p}": value for p, value in zip(_PLANES, grain.iou, strict=True)},
                     "reading": grain.reading,
                     **properties,
+                    "pieces": len(pieces),
+                    "parts_excess": parts_excess,
                 }
             )
-    vertices, faces = (list(part) for part in zip(*shapes, strict=True))
-    return Library(vertices, faces, pd.DataFrame(rows), skipped)
+            if progress is not None:
+                excess = f"hull excess {properties['hull_excess']:.3f}"
+                excess += f", {parts_excess:.3f} in {len(pieces)} pieces" if pieces else ", left whole"
+                progress(f"shape {len(rows)} of {total}: {excess}")
+    vertices, faces, pieces = (list(part) for part in zip(*shapes, strict=True))
+    return Library(vertices, faces, pd.DataFrame(rows), skipped, pieces)
+
+
+def cut(vertices: np.ndarray, faces: np.ndarray) -> tuple[tuple[np.ndarray, ...], float]:
+    """Convex pieces of a shape, where they resolve it better than its hull does.
+
+    Parameters
+    ----------
+    vertices : (n, 3) float
+    faces : (m, 3) int
+
+    Returns
+    -------
+    pieces : tuple of (k, 3) ndarray
+        As float32 keeps them; none where the hull's excess is below :data:`SMALLEST_EXCESS`, where the mesh
+        cannot be cut, or where the union of the pieces is no smaller than the hull.
+    excess : float
+        V_union / V − 1; NaN without pieces.
+    """
+    volume = mass_properties(vertices, faces)[0]
+    hull_excess = ConvexHull(vertices).volume / volume - 1
+    if hull_excess < SMALLEST_EXCESS:
+        return (), np.nan
+    pieces = tuple(p.astype(np.float32).astype(np.float64) for p in decompose(vertices, faces))
+    excess = union_volume(pieces) / volume - 1 if len(pieces) > 1 else np.inf
+    return (pieces, excess) if excess < hull_excess else ((), np.nan)
 
 
 def _contours(labels: np.ndarray, grains2d: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:

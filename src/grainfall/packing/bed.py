@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from grainfall.packing.engine import WALL, Contacts, Engine, Solid, start
@@ -34,6 +35,8 @@ class Bed:
         As in bodies.csv; equal-volume radius.
     bound : (n,) float
         Radius of the bounding sphere.
+    density : (n,) float
+        Mass per cubed engine unit.
     position, quaternion, velocity, spin : (n, 3 or 4) float
         As last read from the engine; quaternions turn the principal frame into the box's.
     fixed : (n,) bool
@@ -50,7 +53,7 @@ class Bed:
         self.shapes, self.parameters, self.sides, self.frame = shapes, parameters, np.asarray(sides), frame
         self.kind = np.empty(0, object)
         self.phase, self.shape = np.empty(0, int), np.empty(0, int)
-        self.radius, self.bound = np.empty(0), np.empty(0)
+        self.radius, self.bound, self.density = np.empty(0), np.empty(0), np.empty(0)
         self.position, self.velocity, self.spin = np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 3))
         self.quaternion = np.empty((0, 4))
         self.fixed = np.empty(0, bool)
@@ -62,16 +65,24 @@ class Bed:
         grains = bodies[bodies["kind"] == "grain"]
         unit = float((grains if len(grains) else bodies)["scale"].mean())
         shapes = collision_shapes(library, np.unique(bodies["shape"]), parameters)
-        bed = cls(shapes, parameters, np.array(box.sides_um) / unit, Frame(unit, box.margin_um))
+        radius = in_units(bodies["scale"], unit)
+        contrast = bodies["density"].max() / bodies["density"].min() if "density" in bodies else 1.0
+        bed = cls(
+            shapes,
+            parameters.suited(radius.min(), contrast),
+            in_units(box.sides_um, unit),
+            Frame(unit, box.margin_um),
+        )
         frames = Rotation.from_quat([shapes[s].frame.as_quat() for s in bodies["shape"]])
         lab = Rotation.from_quat(bodies[["qx", "qy", "qz", "qw"]].to_numpy(float))
         bed.enter(
             bodies["kind"].to_numpy(object),
             bodies["phase"].to_numpy(int),
             bodies["shape"].to_numpy(int),
-            bodies["scale"].to_numpy(float) / unit,
-            (bodies[["x", "y", "z"]].to_numpy(float) + box.margin_um) / unit,
+            radius,
+            in_units(bodies[["x", "y", "z"]].to_numpy(float) + box.margin_um, unit),
             (lab * frames).as_quat()[:, [3, 0, 1, 2]],
+            density=bodies.get("density"),
         )
         return bed
 
@@ -81,14 +92,19 @@ class Bed:
     @property
     def mass(self) -> np.ndarray:
         """Mass of each body."""
-        return self.parameters.density * 4 / 3 * np.pi * self.radius**3
+        return self.density * 4 / 3 * np.pi * self.radius**3
 
     # --- in and out of the engine -------------------------------------------------------------------
 
-    def enter(self, kind, phase, shape, radius, position, quaternion, velocity=None) -> None:
-        """Add bodies, moving; into the engine too where one runs."""
+    def enter(self, kind, phase, shape, radius, position, quaternion, velocity=None, density=None) -> None:
+        """Add bodies, moving; into the engine too where one runs.
+
+        Density is the parameters' where none is given.
+        """
         first, n = len(self), len(radius)
         velocity = np.zeros((n, 3)) if velocity is None else velocity
+        density = np.full(n, self.parameters.density) if density is None else np.asarray(density, float)
+        self.density = np.append(self.density, density)
         self.kind = np.append(self.kind, kind)
         self.phase, self.shape = np.append(self.phase, phase), np.append(self.shape, shape)
         self.radius = np.append(self.radius, radius)
@@ -122,11 +138,11 @@ class Bed:
     def solid(self, i: int, parameters: Parameters) -> Solid:
         """Body ``i`` as the engine needs it."""
         shape, r = self.shapes[self.shape[i]], self.radius[i]
-        exact = parameters.density * shape.inertia * r**5
+        exact = self.density[i] * shape.inertia * r**5
         return Solid(
             parts=shape.parts,
             radius=self.bound[i],
-            mass=parameters.density * 4 / 3 * np.pi * r**3,
+            mass=self.density[i] * 4 / 3 * np.pi * r**3,
             inertia=exact if parameters.inertia == "exact" else np.ones(3),
             scale=r,
         )
@@ -156,13 +172,33 @@ class Bed:
         turn = Rotation.from_quat(self.quaternion[:, [1, 2, 3, 0]])
         spin = turn.apply(self.spin, inverse=True) if len(self) else self.spin
         inertia = np.array([self.shapes[s].inertia for s in self.shape]).reshape(-1, 3)
-        inertia = inertia * self.parameters.density * self.radius[:, None] ** 5
+        inertia = inertia * (self.density * self.radius**5)[:, None]
         speed2 = (self.velocity**2).sum(axis=1)
         potential = self.mass * self.parameters.gravity * self.position[:, 2]
         return float((potential + self.mass * speed2 / 2).sum() + (inertia * spin**2).sum() / 2)
 
     def overlaps(self) -> tuple[float, float]:
-        """Largest and mean penetration of touching collision shapes, in radii of the smaller of the two.
+        """Largest and mean penetration of touching collision shapes, in radii of the smaller of the two."""
+        pairs, gaps = self._gaps()
+        if not len(gaps):
+            return 0.0, 0.0
+        depth = np.maximum(-gaps, 0) / self.radius[pairs].min(axis=1)
+        touching = gaps < 1e-3
+        return float(depth.max()), float(depth[touching].mean()) if touching.any() else 0.0
+
+    def deep_pairs(self, limit: float) -> np.ndarray:
+        """Pairs (n, 2) of bodies, ascending, that penetrate by more than ``limit`` radii of the smaller one.
+
+        Centres nearer to each other than that are counted too: the direction out of a common centre is one
+        that a narrow phase may not find.
+        """
+        pairs, gaps = self._gaps()
+        deep = pairs[-gaps > limit * self.radius[pairs].min(axis=1)]
+        near = cKDTree(self.position).query_pairs(limit * self.radius.min(), output_type="ndarray")
+        return np.unique(np.sort(np.vstack([deep, near]), axis=1), axis=0)
+
+    def _gaps(self) -> tuple[np.ndarray, np.ndarray]:
+        """Pairs (n, 2) of bodies near each other and the gaps (n,) between their collision shapes.
 
         The poses are given to the engine's own narrow phase as they are, all bodies free, for one step too
         short to move them.
@@ -178,12 +214,7 @@ class Bed:
         found = engine.contacts()
         engine.close()
         bodies = (found.pairs != WALL).all(axis=1)
-        pairs, gaps = found.pairs[bodies], found.gap[bodies]
-        if not len(gaps):
-            return 0.0, 0.0
-        depth = np.maximum(-gaps, 0) / self.radius[pairs].min(axis=1)
-        touching = gaps < 1e-3
-        return float(depth.max()), float(depth[touching].mean()) if touching.any() else 0.0
+        return found.pairs[bodies], found.gap[bodies]
 
     def escaped(self) -> int:
         """Bodies whose centre is outside the walls or below the floor."""
@@ -227,3 +258,8 @@ class Bed:
         a, b = np.sort(contacts.pairs[between], axis=1).T
         table = pd.DataFrame({"a": a, "b": b, "force_n": contacts.force[between] * newton})
         return table.groupby(["a", "b"], as_index=False).sum()
+
+
+def in_units(length_um, unit_um: float) -> np.ndarray:
+    """Lengths over the unit, without the division's noise: a scene in other units is the same bytes."""
+    return np.round(np.asarray(length_um, float) / unit_um, 12)

@@ -86,8 +86,8 @@ class Bullet:
             -1,
             mass=solid.mass,
             localInertiaDiagonal=[float(c) for c in solid.inertia],
-            linearDamping=self._parameters.linear_damping,
-            angularDamping=self._parameters.angular_damping,
+            linearDamping=_per_second(self._parameters.linear_damping),
+            angularDamping=_per_second(self._parameters.angular_damping),
             activationState=bullet.ACTIVATION_STATE_DISABLE_SLEEPING,
             physicsClientId=self._client,
         )
@@ -141,8 +141,8 @@ class Bullet:
             bullet.changeDynamics(
                 self._bodies[i],
                 -1,
-                linearDamping=linear,
-                angularDamping=angular,
+                linearDamping=_per_second(linear),
+                angularDamping=_per_second(angular),
                 physicsClientId=self._client,
             )
 
@@ -171,3 +171,11 @@ class Bullet:
 
     def close(self) -> None:
         bullet.disconnect(self._client)
+
+
+def _per_second(rate: float) -> float:
+    """Bullet's damping for a rate of decay: the share lost in a second, (1 - share)^t = exp(-rate t).
+
+    A rate of 1/s or more, given as such, would be cut to 1 and stop every body in every step.
+    """
+    return float(-np.expm1(-rate))

@@ -15,7 +15,7 @@ import pandas as pd
 
 from grainfall import io
 from grainfall.errors import InputError
-from grainfall.packing.bed import Bed, Frame
+from grainfall.packing.bed import Bed, Frame, in_units
 from grainfall.packing.parameters import Parameters
 from grainfall.packing.rest import relax
 from grainfall.packing.shapes import SPHERE, collision_shapes
@@ -93,7 +93,7 @@ class Report:
     """What a deposition did, for packing.json.
 
     ``unit_um`` is one engine length (the mean grain radius), ``unit_s`` what one engine second stands for
-    under Earth's gravity; energies are in engine units. Overlaps are of collision shapes, in radii of the
+    under the gravity given; energies are in engine units. Overlaps are of collision shapes, in radii of the
     smaller grain. ``n_spheres``, ``n_hulls`` and ``n_decomposed`` count the grains poured by how they
     collided. ``hull_excess`` is the mean of V_hull / V - 1 over those with a mesh, ``collision_excess`` the
     same of the shapes that collided, ``hull_deviation`` the mean of the largest distance between collision
@@ -122,7 +122,6 @@ class Report:
     n_spheres: int = 0
     n_hulls: int = 0
     n_decomposed: int = 0
-    decomposition_s: float = 0.0
     hull_excess: float = 0.0
     collision_excess: float = 0.0
     hull_deviation: float = 0.0
@@ -157,7 +156,8 @@ def deposit(
     population : DataFrame
         The supply in pour order: kind (``grain`` or ``virtual``), phase, shape (-1: sphere), scale
         (equal-volume radius, um); optional over_roi: whether the body is released over the ROI or around it
-        (anywhere if omitted). It is poured as far as needed and, should it run out, again from its start.
+        (anywhere if omitted), and density (the parameters' if omitted). It is poured as far as needed and,
+        should it run out, again from its start.
     library : grainfall.grains.Library
         Shapes: ``vertices``, ``faces``, equal-volume radius 1, centre of mass at the origin.
     box : Box
@@ -202,17 +202,22 @@ class _Deposition:
         self.started = time.perf_counter()
         if not len(population):
             raise InputError("population", "is empty", "draw at least one grain")
-        self.box, self.parameters, self.rng, self.progress = box, parameters, rng, progress
+        self.box, self.given, self.rng, self.progress = box, parameters, rng, progress
         grains = population[population["kind"] == "grain"]
         unit = float((grains if len(grains) else population)["scale"].mean())
         self.kind = population["kind"].to_numpy(object)
         self.phase = population["phase"].to_numpy(int)
         self.shape = population["shape"].to_numpy(int)
-        self.radius = population["scale"].to_numpy(float) / unit
+        self.radius = in_units(population["scale"], unit)
         self.over = population["over_roi"].to_numpy(bool) if "over_roi" in population else None
+        self.density = np.full(len(population), parameters.density)
+        if "density" in population:
+            self.density = population["density"].to_numpy(float)
+        contrast = self.density.max() / self.density.min()
+        self.parameters = parameters = parameters.suited(self.radius.min(), contrast)
         shapes = collision_shapes(library, np.unique(self.shape), parameters)
         self.bound = self.radius * np.array([shapes[s].bound for s in self.shape])
-        self.sides = np.array(box.sides_um) / unit
+        self.sides = in_units(box.sides_um, unit)
         if 2 * self.bound.max() >= self.sides.min():
             raise InputError(
                 "population",
@@ -220,8 +225,9 @@ class _Deposition:
                 f"{self.sides.min() * unit:.4g} um",
                 "enlarge the region of interest",
             )
-        self.unit, self.margin, self.height = unit, box.margin_um / unit, box.height_um / unit
-        self.roi = np.array(box.roi_um[:2]) / unit
+        self.unit = unit
+        self.margin, self.height = in_units((box.margin_um, box.height_um), unit)
+        self.roi = in_units(box.roi_um[:2], unit)
         self.bed = Bed(shapes, parameters, self.sides, Frame(unit, box.margin_um))
         self.next = 0  # place in the endless supply
         self.speed = np.empty(0)
@@ -229,6 +235,8 @@ class _Deposition:
         self.steps = self.idle = self.activity = 0
         self.poured = False
         self.notes: list[str] = []
+        if parameters.dt < self.given.dt:
+            self.notes.append(f"time step {parameters.dt:.3g} for {self.given.dt:.3g}: the smallest grain's")
         self._survey()
         self.file = None
         if checkpoints is not None:
@@ -265,9 +273,9 @@ class _Deposition:
             self._save()
         report = Report(
             engine=bed.engine.version,
-            parameters=asdict(self.parameters),
+            parameters=asdict(self.given),
             unit_um=self.unit,
-            unit_s=(self.unit * 1e-6 * self.parameters.gravity / 9.8) ** 0.5,
+            unit_s=(self.unit * 1e-6 * self.parameters.gravity / self.given.gravity) ** 0.5,
             supply=len(self.kind),
             notes=self.notes,
         )
@@ -396,6 +404,7 @@ class _Deposition:
             places[n - len(rows) : n],
             np.array(quaternions),
             velocity,
+            self.density[rows],
         )
         self.next += len(rows)
         self.idle = 0
@@ -464,7 +473,6 @@ class _Deposition:
         report.n_spheres, report.n_hulls, report.n_decomposed = (
             kinds[kind] for kind in ("sphere", "hull", "parts")
         )
-        report.decomposition_s = sum(shape.seconds for shape in bed.shapes.values())
         used = [bed.shapes[s] for s in bed.shape if s != SPHERE]
         if used:
             report.hull_excess = float(np.mean([s.hull_excess for s in used]))
@@ -475,7 +483,7 @@ class _Deposition:
 
 
 PLAIN = ("next", "steps", "idle", "activity", "poured", "notes")
-BODY = ("phase", "shape", "radius", "bound", "position", "quaternion", "velocity", "spin", "fixed")
+BODY = ("phase", "shape", "radius", "bound", "density", "position", "quaternion", "velocity", "spin", "fixed")
 """What a checkpoint holds of the deposition and of each body."""
 
 

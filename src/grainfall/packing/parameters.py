@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 from grainfall.errors import InputError
 
@@ -20,9 +20,10 @@ class Parameters:
     engine : {"physx", "bullet"}
         Rigid-body engine.
     gravity : float
-        Acceleration along -z, engine units / s^2.
+        Acceleration along -z, m / s^2. It sets what an engine second stands for, not the packing: in the
+        engine it is always :data:`GRAVITY`.
     dt : float
-        Time step, s.
+        Time step, engine s; shortened where the smallest grain asks for it, see :meth:`suited`.
     friction_static, friction_dynamic : float
         Coulomb coefficients, grain on grain and grain on wall. Bullet has one coefficient: the dynamic one.
     restitution : float
@@ -35,7 +36,8 @@ class Parameters:
         Rate, 1/s, at which spin decays: the only rolling resistance a sphere has (0.05 is PhysX's own
         default).
     density : float
-        Solid density, mass per cubed engine unit. It scales forces, not the packing.
+        Solid density, mass per cubed engine unit, of bodies that have none of their own. It scales forces,
+        not the packing.
     inertia : {"exact", "paper"}
         ``exact``: the mesh's own principal moments; ``paper``: the diagonal (1, 1, 1) for every grain
         whatever its size, which makes a mean grain spin about four times too easily and a small one hardly at
@@ -43,9 +45,8 @@ class Parameters:
     sleep_speed : float
         Translational speed, engine units / s, below which a body counts as resting.
     sleep_steps : int
-        Consecutive steps at rest after which a body is fixed in place. Fixing early spares steps, and also
-        the rearrangement that later grains cause below them: solid fractions of hulls were 0.640(2) with the
-        paper's 0.01 and 300, 0.636(3) with 0.05 and 200 at half the cost, 0.625(3) with 0.05 and 50.
+        Consecutive steps at rest after which a body is fixed in place while others are poured. Fixing early
+        spares steps; what it spares in rearrangement is made up for at the end, when all bodies are free.
     contact_manifold : {"full", "persistent"}
         How PhysX finds the contact points of two hulls: all of them anew in every step, or a few kept from
         step to step (as the paper says). Kept ones let a bed of hulls shiver and creep together (``make
@@ -59,15 +60,15 @@ class Parameters:
     hull_vertices : int
         Most vertices of a grain's convex collision shape. Facets lock: rounded grains of 24, 48 and 128
         vertices packed to 0.625(2), 0.636(3) and 0.644(3). And a coarse hull is not the grain: largest
-        overlaps of the true hulls were 0.09 of the smaller radius at 48 vertices, 0.04 at 96, 0.03 at 160. A
+        overlaps of the true hulls were 0.09 of the smaller radius at 48 vertices, 0.04 at 96. A
         step costs about as the number of vertices.
     decomposition : {"auto", "on", "off"}
-        Whether grains collide as several convex parts: where their hull's excess calls for it, all that are
-        not convex, or none.
+        Whether grains collide as several convex parts: where their hull's excess calls for it, all that the
+        library has pieces of, or none.
     hull_excess : float
         Volume of the convex hull over the grain's own, minus 1, above which ``auto`` decomposes. What a hull
         has in excess stays empty and counts as porosity. Decomposed grains of a thin section keep an excess
-        of 0.055 (``decomposition.CONCAVITY``), so a tolerance below that would gain little.
+        of 0.066 (``grains.decomposition.CONCAVITY``), so a tolerance below that would gain little.
     contact_offset : float
         Distance, engine units, at which PhysX starts to build a contact (speculative: it does not hold grains
         apart). Every pair within it is examined in every step: 0.1 costs a third more time than 0.02.
@@ -95,7 +96,7 @@ class Parameters:
     density: float = 2.6
     inertia: str = "exact"
     sleep_speed: float = 0.05
-    sleep_steps: int = 200
+    sleep_steps: int = 100
     contact_manifold: str = "full"
     contact_breaking: float = 0.02
     solver_iterations: int = 20
@@ -159,8 +160,51 @@ class Parameters:
                 raise InputError(
                     f"packing.{name}", f"{getattr(self, name)!r} is too few", f"at least {least}"
                 )
-        if not 8 <= self.hull_vertices <= 255:
-            raise InputError("packing.hull_vertices", f"{self.hull_vertices!r} is out of range", "8 to 255")
+        if not 8 <= self.hull_vertices <= MOST_VERTICES:
+            raise InputError(
+                "packing.hull_vertices", f"{self.hull_vertices!r} is out of range", f"8 to {MOST_VERTICES}"
+            )
+
+    def lubricated(self, factor: float) -> Parameters:
+        """These with both friction coefficients times ``factor``."""
+        return replace(
+            self,
+            friction_static=factor * self.friction_static,
+            friction_dynamic=factor * self.friction_dynamic,
+        )
+
+    def refined(self) -> Parameters:
+        """These with half the time step and twice the solver iterations."""
+        return replace(self, dt=self.dt / 2, solver_iterations=2 * self.solver_iterations)
+
+    def suited(self, smallest: float, contrast: float = 1.0) -> Parameters:
+        """The same packing in numbers that suit its grains.
+
+        Gravity is :data:`GRAVITY`; the step is at most :data:`LONGEST_STEP` of the time in which the smallest
+        grain falls its own radius, sqrt(R / g) but for a factor. Numbers of steps that stand for a time are
+        those of the default step, and more of shorter ones. Bullet's iterations rise with the contrast of
+        density: a light grain under a heavy one learns of its load a little at a time. PhysX needs no more.
+
+        Parameters
+        ----------
+        smallest : float
+            Least grain radius, mean grain radii.
+        contrast : float
+            Greatest density over the least.
+        """
+        dt = min(self.dt, LONGEST_STEP * (smallest / GRAVITY) ** 0.5)
+        more = max(1.0, type(self).dt / dt)
+        iterations = self.solver_iterations
+        if self.engine == "bullet":
+            iterations = round(iterations * contrast**0.5)
+        counts = ("sleep_steps", "max_idle_steps", "rest_windows")
+        return replace(
+            self,
+            gravity=GRAVITY,
+            dt=dt,
+            solver_iterations=iterations,
+            **{name: round(more * getattr(self, name)) for name in counts},
+        )
 
     @classmethod
     def named(cls, name: str = "default", **overrides: object) -> Parameters:
@@ -190,12 +234,22 @@ class Parameters:
         return cls(**{**ENGINES.get(chosen.get("engine", cls.engine), {}), **chosen})
 
 
+GRAVITY = 9.8
+"""Acceleration in the engine, engine units / s^2: under another, rigid grains do the same in another time."""
+
+LONGEST_STEP = 0.08
+"""Longest time step over sqrt(R / g) of the smallest grain."""
+
 CHOICES = {
     "engine": ("physx", "bullet"),
     "inertia": ("exact", "paper"),
     "contact_manifold": ("full", "persistent"),
     "decomposition": ("auto", "on", "off"),
 }
+
+MOST_VERTICES = 128
+"""A hull of n vertices has up to 2 n - 4 facets, and PhysX holds 255: of a larger one it cuts corners without
+saying so. Rounded grains of 160 and 255 vertices sank into the floor by up to 0.03 of a radius."""
 
 ENGINES = {"bullet": {"solver_iterations": 100}}
 """What an engine needs otherwise: with 20 of its iterations, 439 hulls at rest in Bullet overlapped by up to

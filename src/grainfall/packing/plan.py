@@ -1,12 +1,51 @@
-"""Which optional effects a twin's scene called for, why, and what each cost."""
+"""Optional effects: which of them a scene calls for, why, and what each cost or saved."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+
+SWITCHES = ("auto", "on", "off")
+"""What the config may say of an effect: as the scene calls for it, or forced."""
+
+
+def decide(switch: str, called_for: bool, reason: str, possible: bool = True) -> dict:
+    """Whether an effect acts.
+
+    Parameters
+    ----------
+    switch : {"auto", "on", "off"}
+        What the config says.
+    called_for : bool
+        Whether the scene calls for it, as measured.
+    reason : str
+        The measurement behind that, as a clause.
+    possible : bool
+        Whether it has anything to act on: forced on where it has not, it does nothing.
+
+    Returns
+    -------
+    dict
+        on, forced, called_for, reason.
+    """
+    forced = switch != "auto"
+    on = possible and (called_for if not forced else switch == "on")
+    words = reason
+    if switch == "off":
+        words = f"switched off in the config, {'although ' if called_for else ''}{reason}"
+    elif forced and not on:
+        words = f"forced on in the config, with nothing to do: {reason}"
+    elif forced and not called_for:
+        words = f"forced on in the config, although {reason}"
+    return {"on": bool(on), "forced": forced, "called_for": bool(called_for), "reason": words}
 
 
 def effects_plan(
-    scene: Mapping, first: Mapping, spheres: Mapping, second: Mapping, correction: Mapping, cost_s: Mapping
+    scene: Mapping,
+    first: Mapping,
+    deficit: Mapping,
+    second: Mapping,
+    scaling: Mapping,
+    cement: Mapping,
 ) -> dict:
     """The plan of one twin, each effect with the measured reason behind it.
 
@@ -16,47 +55,64 @@ def effects_plan(
         As :func:`plan_scene` gives it.
     first, second : mapping
         Reports of the two packings.
-    spheres : mapping
-        Whether virtual spheres were called for: ``called_for``, ``reason``.
-    correction : mapping
-        Report of the position scaling: ``applied``, ``reason``.
-    cost_s : mapping
-        Seconds of the jobs first_packing, virtual_spheres, second_packing and twin; a job that is not there
-        was not timed.
+    deficit : mapping
+        As :func:`plan_deficit` gives it.
+    scaling, cement : mapping
+        Reports of the position scaling and of the cement.
 
     Returns
     -------
     dict
-        Effect to ``on``, ``reason``, ``cost_s``; None where an effect has no cost of its own.
+        Effect to ``on``, ``forced``, ``reason``, ``cost_s`` (what it took) and ``saved_s`` (an estimate of
+        what it would have taken, where it was not needed); None where an effect has no cost of its own, or
+        where there is nothing to estimate it from.
+
+    Notes
+    -----
+    Estimates: a packing takes as long as the first one, a refined one (half the step) twice as long; a pass
+    of scaling as long as its first voxelisation, cement two of them.
     """
-    minerals = len(scene["phases"]) - 1
-    excess = first["collision_excess"]
+    refinement = first["refinement"]
+    once = first["wall_s"] - (refinement["cost_s"] or 0.0)
+    voxelising = scaling["wall_s"] / scaling["passes"]
+    passes = second["passes"]
+    lubricated = [one for one in passes if one["lubrication"] < 1 or one["taps"]]
+    spheres = [one for one in passes if one not in lubricated]
     return {
-        "gravity_packing": {
-            "on": True,
-            "reason": f"{first['poured']} grains poured by {first['engine']}, {first['steps']} steps",
-            "cost_s": cost_s.get("first_packing"),
-        },
-        "collision_shapes": {
-            "on": True,
-            "reason": f"{first['n_hulls']} grains collide as convex hulls, {first['n_decomposed']} as convex "
-            f"parts, {first['n_spheres']} as spheres: on average {100 * excess:.1f} % larger than the grains "
-            f"(hulls alone {100 * first['hull_excess']:.1f} %), porosity that true shapes would not leave",
-            "cost_s": None,
-        },
-        "phase_mixing": {
-            "on": minerals > 1,
-            "reason": f"{minerals} minerals, mixed by volume quota" if minerals > 1 else "one mineral",
-            "cost_s": None,
-        },
-        "virtual_spheres": {
-            "on": bool(spheres["called_for"]),
-            "reason": spheres["reason"],
-            "cost_s": cost_s.get("second_packing") if spheres["called_for"] else 0.0,
-        },
-        "position_scaling": {
-            "on": bool(correction["applied"]),
-            "reason": correction["reason"],
-            "cost_s": cost_s.get("twin") if correction["applied"] else 0.0,
-        },
+        "gravity_packing": _entry(
+            {"on": True, "forced": False},
+            f"{first['poured']} grains poured by {first['engine']}, {first['steps']} steps",
+            once,
+        ),
+        "decomposition": _entry(
+            {"on": first["n_decomposed"] > 0, "forced": first["parameters"]["decomposition"] != "auto"},
+            f"{first['n_hulls']} grains collide as convex hulls, {first['n_decomposed']} as convex parts, "
+            f"{first['n_spheres']} as spheres: on average {100 * first['collision_excess']:.1f} % larger "
+            f"than the grains (hulls alone {100 * first['hull_excess']:.1f} %), porosity that true shapes "
+            "would not leave",
+        ),
+        "refinement": _entry(refinement, cost_s=refinement["cost_s"], saved_s=2 * once),
+        "phase_mixing": _entry(scene["phase_mixing"]),
+        "virtual_spheres": _entry(deficit["virtual_spheres"], cost_s=_seconds(spheres), saved_s=once),
+        "densification": _entry(second["densification"], cost_s=_seconds(lubricated), saved_s=once),
+        "position_scaling": _entry(
+            {**scaling, "on": scaling["applied"]}, cost_s=scaling["wall_s"], saved_s=voxelising
+        ),
+        "cement": _entry(cement, cost_s=cement["wall_s"], saved_s=2 * voxelising),
+    }
+
+
+def _seconds(passes: Iterable[Mapping]) -> float:
+    return float(sum(one["wall_s"] for one in passes))
+
+
+def _entry(
+    effect: Mapping, reason: str | None = None, cost_s: float | None = None, saved_s: float | None = None
+) -> dict:
+    return {
+        "on": bool(effect["on"]),
+        "forced": bool(effect["forced"]),
+        "reason": reason or effect["reason"],
+        "cost_s": cost_s if effect["on"] else None,
+        "saved_s": None if effect["on"] else saved_s,
     }

@@ -6,6 +6,7 @@ import numpy as np
 
 from grainfall.errors import InputError
 from grainfall.packing.mixing import phase_probabilities
+from grainfall.packing.plan import decide
 from grainfall.stereology import SizeDistribution
 
 LEAST_GRAINS = 3
@@ -27,6 +28,7 @@ def plan_scene(
     margin_grains: float,
     sizes_from: str,
     porosity_of_sample: float | None = None,
+    phase_mixing: str = "auto",
 ) -> dict:
     """Lay out the region of interest and its targets.
 
@@ -49,12 +51,15 @@ def plan_scene(
         Distance from walls, floor and surface in mean grain diameters.
     sizes_from : {"f3d", "f2d"}
         The distribution that the grains follow.
+    phase_mixing : {"auto", "on", "off"}
+        off pours the most abundant mineral alone.
 
     Returns
     -------
     dict
         shape_zyx, voxel_size_um, edge_um, margin_um, mean_diameter_um, phases, fractions,
-        mean_volumes_um3, probabilities, sizes_from, porosity_target, porosity_source.
+        mean_volumes_um3, probabilities, sizes_from, porosity_target, porosity_source, phase_mixing
+        (on, forced, called_for, reason).
 
     Raises
     ------
@@ -66,6 +71,16 @@ def plan_scene(
     share = phase_probabilities(fractions, [s.mean_volume("f3d") for s in minerals])
     diameter = float(2 * share @ [s.mean("f3d") for s in minerals])
     volumes = [float(s.mean_volume(sizes_from)) for s in minerals]
+
+    mixing = decide(
+        phase_mixing,
+        len(minerals) > 1,
+        f"{len(minerals)} minerals, mixed by volume quota" if len(minerals) > 1 else "one mineral",
+        possible=len(minerals) > 1,
+    )
+    if not mixing["on"]:
+        # the region stays the same: only what is poured into it changes
+        fractions = np.where(np.arange(len(minerals)) == fractions.argmax(), 1.0, 0.0)
 
     edge = edge_um or edge_grains * diameter
     voxel = voxel_size_um or (diameter / voxels_per_grain if voxels_per_grain else section["pixel_size_um"])
@@ -104,4 +119,5 @@ def plan_scene(
         "sizes_from": sizes_from,
         "porosity_target": float(target),
         "porosity_source": source,
+        "phase_mixing": mixing,
     }

@@ -1,4 +1,4 @@
-"""The two packings of a twin: grains alone, then grains with temporary virtual spheres."""
+"""The two packings of a twin: grains alone, then whatever brings them to the section's porosity and pores."""
 
 from __future__ import annotations
 
@@ -9,9 +9,13 @@ import numpy as np
 import pandas as pd
 
 from grainfall.grains import Library
+from grainfall.packing.densify import match_density
 from grainfall.packing.deposition import Box, deposit
 from grainfall.packing.mixing import Mixture, draw_zones
 from grainfall.packing.parameters import Parameters
+from grainfall.packing.plan import decide
+from grainfall.packing.rest import settle
+from grainfall.packing.tail import PoreTail
 from grainfall.packing.virtual import (
     THROAT,
     VirtualSizes,
@@ -24,6 +28,27 @@ from grainfall.stereology import SizeDistribution
 WIDEST_SPHERE = 0.25
 """Largest virtual-sphere radius over the edge of the region: a wider one would be the region, not in it."""
 
+MOST_OVERLAP = 0.02
+"""Overlap, of the smaller radius, above which the solver is too coarse for the scene."""
+
+Packing = tuple[pd.DataFrame, dict]
+"""Bodies and report."""
+
+
+def parameters_of(packing: Mapping, effects: Mapping) -> Parameters:
+    """The parameters that the config's ``packing`` and ``effects`` ask for."""
+    return Parameters.named(
+        packing["parameters"],
+        engine=packing["engine"],
+        decomposition=effects["decomposition"],
+        **packing["overrides"],
+    )
+
+
+def box_of(scene: Mapping) -> Box:
+    """The container of a scene."""
+    return Box((scene["edge_um"],) * 3, scene["margin_um"])
+
 
 def pack(
     scene: Mapping,
@@ -34,9 +59,10 @@ def pack(
     *,
     spheres: VirtualSizes | None = None,
     p_sphere: float = 0.0,
+    taps: int = 0,
     progress: Callable[[str], None] | None = None,
     checkpoints: Path | None = None,
-) -> tuple[pd.DataFrame, dict]:
+) -> Packing:
     """Draw the bodies of a scene and pour them.
 
     Parameters
@@ -51,6 +77,8 @@ def pack(
         Sizes of virtual spheres poured among the grains.
     p_sphere : float
         Probability that the next body is one of them.
+    taps : int
+        Times that the settled bed is tapped.
     progress : callable, optional
         Called with a line of text as the bed grows.
     checkpoints : Path, optional
@@ -61,7 +89,8 @@ def pack(
     bodies : DataFrame
         Columns of bodies.csv, um from the corner of the region of interest.
     report : dict
-        Content of packing.json; ``forces`` are the normal forces between bodies: a, b (ids), force_n.
+        Content of packing.json, and ``forces``: a DataFrame of normal forces between bodies, a, b (ids) and
+        force_n.
     """
     mixture = Mixture(
         {n: sizes[n, "grain"] for n in range(1, len(scene["phases"]))},
@@ -70,7 +99,7 @@ def pack(
         spheres if p_sphere > 0 else None,
         p_sphere,
     )
-    box = Box((scene["edge_um"],) * 3, scene["margin_um"])
+    box = box_of(scene)
     share = scene["edge_um"] ** 2 / np.prod(box.sides_um)
     population = draw_zones(mixture, library, box.solid_um3(), share, rng)
 
@@ -79,119 +108,262 @@ def pack(
 
     bodies = deposit(population, library, box, parameters, rng, tell if progress else None, checkpoints)
     report = {**bodies.attrs.pop("report"), "p_sp": float(p_sphere)}
-    return bodies, {**report, "forces": bodies.attrs.pop("forces")}
+    report["forces"] = pd.DataFrame(bodies.attrs.pop("forces"))
+    if taps:
+        bodies, tapped = settle(bodies, library, box, parameters, taps=taps, progress=progress)
+        report |= {
+            "rest": {**report["rest"], **{k: tapped[k] for k in report["rest"] if k in tapped}},
+            "forces": tapped["forces"],
+            "asleep": int(bodies["asleep"].sum()),
+            "wall_s": report["wall_s"] + tapped["wall_s"],
+            **{k: tapped[k] for k in ("escaped", "max_overlap", "mean_overlap")},
+        }
+    return bodies, report
 
 
-def plan_spheres(
+def pack_first(pack_with: Callable[[Parameters], Packing], parameters: Parameters, switch: str) -> Packing:
+    """The first packing, repeated with a finer solver where grains came to rest too deep in each other.
+
+    Parameters
+    ----------
+    pack_with : callable
+        Parameters to (bodies, report), with the same random numbers each time.
+    parameters : Parameters
+    switch : {"auto", "on", "off"}
+        Of the refinement.
+
+    Returns
+    -------
+    bodies : DataFrame
+    report : dict
+        That of the packing kept, ``wall_s`` of both, with ``refinement``: on, forced, reason, cost_s.
+    """
+    bodies, report = pack_with(parameters)
+    overlap = report["max_overlap"]
+    words = "exceeds" if overlap > MOST_OVERLAP else "is within"
+    refinement = decide(
+        switch,
+        overlap > MOST_OVERLAP,
+        f"the largest overlap of {overlap:.4f} of the smaller radius {words} {MOST_OVERLAP:g}",
+    ) | {"cost_s": None}
+    if refinement["on"]:
+        coarse_s = report["wall_s"]
+        bodies, report = pack_with(parameters.refined())
+        refinement["cost_s"] = report["wall_s"]
+        refinement["reason"] += (
+            f"; with half the time step and twice the solver iterations it is {report['max_overlap']:.4f}"
+        )
+        report = {**report, "wall_s": coarse_s + report["wall_s"]}
+    return bodies, {**report, "refinement": refinement}
+
+
+def plan_deficit(
     scene: Mapping,
     target: SizeDistribution | None,
     first: SizeDistribution | None,
+    tail: PoreTail,
     porosity_first: float,
     mean_grain_volume: float,
     *,
-    enabled: bool = True,
+    switch: str = "auto",
     limit: float = 0.01,
 ) -> tuple[VirtualSizes, dict]:
-    """Decide on virtual spheres: whether, of which sizes, with which first guess of their probability.
+    """What the first packing lacks of the target, and the virtual spheres that would make up for it.
+
+    Spheres are called for by the porosity or by the large pores. Where the porosity calls for them, they have
+    all the radii that the first packing is short of, as many as the porosity wants. Where only the large
+    pores do (vugs in a dense rock), they have the radii of the tail alone and keep their share, and the
+    grains about them may have to be packed denser.
 
     Parameters
     ----------
     scene : mapping
     target, first : SizeDistribution or None
         Pore circles of the section and of slices of the first packing, unfolded; None without circles.
+    tail : PoreTail
+        Large pores of the two compared.
     porosity_first : float
         Porosity of the first packing.
     mean_grain_volume : float
         Mean grain volume over all phases, um^3.
-    enabled : bool
-        False leaves spheres out whatever the target.
+    switch : {"auto", "on", "off"}
+        Of the virtual spheres.
     limit : float
         Porosity that the final scaling of positions can mend.
 
     Returns
     -------
     sizes : VirtualSizes
-    plan : dict
-        called_for, reason, porosity_first, porosity_target, p_sp, mean_sphere_volume_um3,
-        mean_grain_volume_um3.
+    deficit : dict
+        porosity_first, porosity_target, mean_sphere_volume_um3, mean_grain_volume_um3, tail (of
+        :class:`PoreTail`), and virtual_spheres: on, forced, called_for, reason, p_sp (first guess), for_tail
+        (whether the tail alone called for them, so that they keep their share).
     """
     wanted = scene["porosity_target"]
+    short = wanted - porosity_first
+    # Pores of the volume share v in a matrix of the first packing's porosity.
+    with_tail = tail.share + (1 - tail.share) * porosity_first
+    for_tail = tail.exceeds and short <= limit
     radius = (3 * mean_grain_volume / (4 * np.pi)) ** (1 / 3)
     sizes = virtual_sizes(
-        target, first, smallest_um=THROAT * radius, largest_um=WIDEST_SPHERE * scene["edge_um"]
+        target,
+        first,
+        smallest_um=max(THROAT * radius, tail.first_um if for_tail else 0.0),
+        largest_um=WIDEST_SPHERE * scene["edge_um"],
     )
-    called_for = False
-    if not enabled:
-        reason = "switched off in the config"
-    elif abs(wanted - porosity_first) <= limit:
-        reason = (
-            f"first packing {porosity_first:.4f} is within {limit:g} of the target {wanted:.4f}: "
-            "scaling of positions does the rest"
-        )
-    elif wanted < porosity_first:
-        reason = f"target {wanted:.4f} not reachable by this plan, nearest {porosity_first:.4f}"
-    elif not sizes.called_for:
-        reason = sizes.reason
-    else:
-        called_for = True
+    if short > limit:
         reason = f"the target porosity {wanted:.4f} exceeds the first packing's {porosity_first:.4f}"
-        reason += f"; {sizes.reason}" if sizes.reason else ""
+    elif short >= -limit:
+        reason = f"the first packing's {porosity_first:.4f} is within {limit:g} of the target {wanted:.4f}"
+    else:
+        reason = f"the target porosity {wanted:.4f} is below the first packing's {porosity_first:.4f}"
+    reason += f"; {tail.words}"
+    reason += f"; {sizes.reason}" if sizes.reason else ""
+    spheres = decide(
+        switch,
+        (short > limit or for_tail) and sizes.called_for,
+        reason,
+        possible=(short > 0 or for_tail) and sizes.called_for,
+    )
     return sizes, {
-        "called_for": called_for,
-        "reason": reason,
         "porosity_first": float(porosity_first),
         "porosity_target": float(wanted),
-        "p_sp": sphere_probability(wanted, porosity_first, sizes.mean_volume, mean_grain_volume)
-        if called_for
-        else 0.0,
         "mean_sphere_volume_um3": sizes.mean_volume,
         "mean_grain_volume_um3": float(mean_grain_volume),
+        "tail": {
+            "target_um": tail.target_um,
+            "first_um": tail.first_um,
+            "excess_um": tail.excess_um,
+            "share": tail.share,
+            "exceeds": tail.exceeds,
+        },
+        "virtual_spheres": {
+            **spheres,
+            "for_tail": bool(for_tail),
+            "p_sp": sphere_probability(
+                with_tail if for_tail else wanted, porosity_first, sizes.mean_volume, mean_grain_volume
+            )
+            if spheres["on"]
+            else 0.0,
+        },
     }
 
 
+class _Trials:
+    """Packings tried on the way to the target; the best so far is kept, of the others what they came to."""
+
+    def __init__(self, pack_with, porosity_of, target: float, limit: float):
+        self.pack_with, self.porosity_of, self.target, self.limit = pack_with, porosity_of, target, limit
+        self.passes: list[dict] = []
+        self.packing: Packing | None = None
+        self.porosity = np.inf
+        self.p_sphere = 0.0
+
+    def keep(self, packing: Packing, porosity: float, p_sphere: float) -> None:
+        """Keep the packing if it is nearer to the target."""
+        if self.packing is None or self._miss(porosity) < self._miss(self.porosity):
+            self.packing, self.porosity, self.p_sphere = packing, porosity, p_sphere
+
+    def _miss(self, porosity: float) -> tuple[int, float]:
+        # Cement fills a bed that is too loose, nothing opens one that is too dense.
+        gap = porosity - self.target
+        return (0 if abs(gap) <= self.limit else 1 if gap > 0 else 2), abs(gap)
+
+    def __call__(self, p_sphere: float, lubrication: float = 1.0, taps: int = 0) -> float:
+        """Pack, and give the porosity without the spheres."""
+        packing = self.pack_with(p_sphere, lubrication, taps)
+        bodies, report = packing
+        porosity = float(self.porosity_of(bodies[bodies["kind"] == "grain"]))
+        self.passes.append(
+            {
+                "p_sphere": float(p_sphere),
+                "lubrication": float(lubrication),
+                "taps": int(taps),
+                "porosity": porosity,
+                "wall_s": report["wall_s"],
+            }
+        )
+        self.keep(packing, porosity, p_sphere)
+        return porosity
+
+
 def pack_again(
-    plan: Mapping,
-    pack_with: Callable[[float], tuple[pd.DataFrame, dict]],
+    deficit: Mapping,
+    pack_with: Callable[[float, float, int], Packing],
     porosity_of: Callable[[pd.DataFrame], float],
-    first: tuple[pd.DataFrame, dict],
+    first: Packing,
     *,
-    tolerance: float,
-    passes: int,
-) -> tuple[pd.DataFrame, dict]:
-    """The second packing: grains and spheres until the porosity without the spheres meets the target.
+    densification: str = "auto",
+    limit: float = 0.01,
+    passes: int = 4,
+) -> Packing:
+    """The second packing: virtual spheres, then densification, until the grains' porosity is the target's.
 
     Parameters
     ----------
-    plan : mapping
-        As :func:`plan_spheres` gives it. Where spheres are not called for, the first packing is the second.
+    deficit : mapping
+        As :func:`plan_deficit` gives it.
     pack_with : callable
-        Probability of a sphere to (bodies, report).
+        (probability of a sphere, factor on friction, taps) to (bodies, report), with the same random numbers
+        each time.
     porosity_of : callable
         Grains alone to their porosity.
     first : (bodies, report)
-        The first packing.
-    tolerance : float
+        The first packing; it is the second where nothing is called for.
+    densification : {"auto", "on", "off"}
+        auto where the target is below what the grains pour to.
+    limit : float
         Distance from the target that ends the passes.
     passes : int
-        Most packings tried.
+        Most packings tried by the feedback of either effect.
 
     Returns
     -------
     bodies : DataFrame
     report : dict
-        That of the pass kept, with ``passes``, ``reached`` and ``reason``.
+        That of the packing kept, with ``passes`` (p_sphere, lubrication, taps, porosity, wall_s of each),
+        ``porosity``, ``reached``, ``reason`` (why not), and ``densification``: on, forced, called_for,
+        reason.
     """
-    if not plan["called_for"]:
-        bodies, report = first
-        return bodies, {**report, "passes": [], "reached": False, "reason": plan["reason"]}
-    match = match_porosity(
-        pack_with,
-        lambda packing: porosity_of(packing[0][packing[0]["kind"] == "grain"]),
-        plan["porosity_target"],
-        plan["p_sp"],
-        plan["porosity_first"],
-        tolerance,
-        passes,
+    target, spheres = deficit["porosity_target"], deficit["virtual_spheres"]
+    trials = _Trials(pack_with, porosity_of, target, limit)
+    missed = ""
+    if spheres["on"]:
+        p_sphere, loose = spheres["p_sp"], deficit["porosity_first"]
+        if spheres["for_tail"]:
+            loose = trials(p_sphere)
+        if loose < target - limit or not spheres["for_tail"]:
+            guess = 2 * p_sphere / (1 + p_sphere) if trials.passes else p_sphere  # twice the odds
+            missed = match_porosity(
+                trials, float, target, guess, deficit["porosity_first"], limit, passes
+            ).reason
+            p_sphere, loose = trials.p_sphere, trials.porosity
+    else:
+        p_sphere, loose = 0.0, deficit["porosity_first"]
+        trials.keep(first, loose, 0.0)
+    # Spheres that were to open the bed and opened it too far are a missed feedback, not a bed too loose.
+    too_loose = loose - target if spheres["for_tail"] or not spheres["on"] else 0.0
+    what = "with its virtual spheres" if spheres["on"] else "of grains alone"
+    dense = decide(
+        densification,
+        too_loose > limit,
+        f"the target porosity {target:.4f} is below the {loose:.4f} of the packing {what}"
+        if too_loose > 0
+        else f"the packing {what} is no looser than the target porosity {target:.4f}",
+        possible=too_loose > 0,
     )
-    bodies, report = match.packing
-    return bodies, {**report, "passes": match.passes, "reached": match.reached, "reason": match.reason}
+    if dense["on"]:
+        missed = match_density(
+            lambda lubrication, taps: trials(p_sphere, lubrication, taps), loose, target, limit, passes
+        )
+        dense["reason"] += f"; {missed}" if missed else ""
+    bodies, report = trials.packing
+    reached = abs(trials.porosity - target) <= limit
+    return bodies, {
+        **report,
+        "passes": trials.passes,
+        "porosity": trials.porosity,
+        "reached": reached,
+        "reason": "" if reached else missed or dense["reason"],
+        "densification": dense,
+    }

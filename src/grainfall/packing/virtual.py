@@ -153,7 +153,7 @@ def virtual_sizes(
         return VirtualSizes(edges, f_target, f_first, difference, 0 * used, False, reason)
     reasons = []
     for out, words in (
-        (edges[1:] <= (smallest_um or 0.0), f"below {smallest_um or 0:.4g} um slip between grains"),
+        (edges[1:] <= (smallest_um or 0.0), f"below {smallest_um or 0:.4g} um hold nothing open"),
         (edges[:-1] >= (largest_um or np.inf), f"above {largest_um or 0:.4g} um do not fit"),
     ):
         lost = (used * width)[out].sum() / total

@@ -473,6 +473,55 @@ def block_figure(phase: np.ndarray, voxel_size_um: float, phases: Sequence[str] 
 
 
 @_styled
+def forces_figure(
+    contacts: pd.DataFrame, bodies: pd.DataFrame, edge_um: float, grain_um: float
+) -> Figure | None:
+    """Force chains: contacts of grains in a vertical slab, as thick as the force they carry.
+
+    Parameters
+    ----------
+    contacts : DataFrame
+        contacts.csv.
+    bodies : DataFrame
+        bodies.csv.
+    edge_um : float
+        Edge of the region of interest.
+    grain_um : float
+        Mean grain diameter: the slab is two of them thick.
+
+    Returns
+    -------
+    Figure or None
+        None without contacts in the slab.
+    """
+    near = contacts[(contacts["y"] - edge_um / 2).abs() < grain_um]
+    near = near[near["x"].between(0, edge_um) & near["z"].between(0, edge_um)]
+    if near.empty:
+        return None
+    place = bodies.set_index("id")[["x", "z"]]
+    ends = np.stack([place.loc[near[g]].to_numpy() for g in ("grain_a", "grain_b")], axis=1)
+    force = near["force_n"].fillna(0.0).to_numpy()
+    mean = force[force > 0].mean() if (force > 0).any() else 1.0
+    figure = Figure(figsize=(WIDTH, 3.6))
+    left, right = figure.subplots(1, 2, width_ratios=[1.25, 1])
+    left.add_collection(LineCollection(ends[force <= 0], colors="#bbbbbb", linewidths=0.5))
+    widths = np.clip(1.2 * force[force > 0] / mean, 0.2, 6)
+    left.add_collection(LineCollection(ends[force > 0], colors=TWIN, linewidths=widths, capstyle="round"))
+    left.set(xlim=(0, edge_um), ylim=(0, edge_um), aspect="equal", xlabel="x (µm)", ylabel="z (µm)")
+    left.set_title("Contact forces")
+    every = contacts["force_n"].to_numpy(float)
+    every = every[every > 0]
+    if len(every):
+        density, edges = np.histogram(every / every.mean(), np.linspace(0, 6, 31), density=True)
+        right.stairs(density, edges, fill=True, color=to_rgba(TWIN, 0.35))
+        right.stairs(density, edges, color=TWIN)
+        right.set_yscale("log")
+        right.set_title(f"Mean {number(every.mean(), 2)} N, {number(len(every))} contacts")
+    right.set(xlabel="normal force over its mean", ylabel="density")
+    return figure
+
+
+@_styled
 def virtual_figure(table: pd.DataFrame, p_sp: float | None = None) -> Figure:
     """Sizes behind the virtual spheres: target and first packing, their difference, and what was used.
 

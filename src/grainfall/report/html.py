@@ -92,6 +92,12 @@ class Results:
         return ["pore"]
 
     @cached_property
+    def twin_phases(self) -> list[str]:
+        """Names of the twin's phases: the section's, and cement where there is some."""
+        found = self.attributes("twin:twin.zarr.zip")
+        return [str(p) for p in found[0].get("phases", self.phases)] if found else self.phases
+
+    @cached_property
     def _section(self) -> tuple[dict, dict[str, tuple]] | None:
         return self.attributes("sample:section.zarr.zip")
 
@@ -188,7 +194,7 @@ def figure_files(
     def block() -> Figure:
         attributes, _ = r.attributes("twin:twin.zarr.zip")
         return figures.block_figure(
-            r.volume("twin:twin.zarr.zip", "phase"), attributes["voxel_size_um"], r.phases
+            r.volume("twin:twin.zarr.zip", "phase"), attributes["voxel_size_um"], r.twin_phases
         )
 
     def packings() -> Figure:
@@ -199,15 +205,22 @@ def figure_files(
             r.volume("twin:second/volume.zarr.zip", "phase"),
             r.volume("twin:twin.zarr.zip", "phase"),
             attributes["voxel_size_um"],
-            r.phases,
+            r.twin_phases,
             [by_name.get(k) for k in ("porosity_first", "porosity_second", "porosity")],
         )
+
+    def forces() -> Figure | None:
+        contacts, bodies = r.table("twin:contacts.csv"), r.table("twin:bodies.csv")
+        scene = r.json("variant:scene.json")
+        if contacts is None or bodies is None or scene is None:
+            return None
+        return figures.forces_figure(contacts, bodies, scene["edge_um"], scene["mean_diameter_um"])
 
     def virtual() -> Figure | None:
         table = r.table("twin:virtual_spheres.csv")
         if table is None or table.empty:
             return None
-        return figures.virtual_figure(table, (r.json("twin:virtual_spheres.json") or {}).get("p_sp"))
+        return figures.virtual_figure(table, (r.json("twin:second/packing.json") or {}).get("p_sp"))
 
     def s2() -> Figure:
         return figures.s2_figure(
@@ -253,7 +266,8 @@ def figure_files(
             ["twin:twin.zarr.zip"],
             ["twin:first/volume.zarr.zip", "twin:second/volume.zarr.zip", "twin:metrics.csv"],
         ),
-        "virtual": (virtual, ["twin:virtual_spheres.csv"], ["twin:virtual_spheres.json"]),
+        "forces": (forces, ["twin:contacts.csv"], ["twin:bodies.csv", "variant:scene.json"]),
+        "virtual": (virtual, ["twin:virtual_spheres.csv"], ["twin:second/packing.json"]),
         "s2": (
             s2,
             ["twin:s2_slices.csv"],
@@ -499,21 +513,28 @@ def _plans(root: Path, name: str, twins) -> list[dict]:
         plan = Results(root, name, variant, realization).json("twin:plan.json") or {}
         for effect, entry in plan.items():
             if isinstance(entry, dict) and "on" in entry:
-                key = (_words(effect), variant, bool(entry["on"]), str(entry.get("reason", "")))
-                shared.setdefault(key, []).append((realization, entry.get("cost_s")))
+                state = ("on" if entry["on"] else "off") + (", forced" if entry.get("forced") else "")
+                key = (_words(effect), variant, state, str(entry.get("reason", "")))
+                shared.setdefault(key, []).append((realization, entry.get("cost_s"), entry.get("saved_s")))
     rows = []
-    for (effect, variant, on, reason), members in shared.items():
-        costs = [c for _, c in members if c is not None]
+    for (effect, variant, state, reason), members in shared.items():
+        cost, saved = (_mean(column) for column in list(zip(*members, strict=True))[1:])
         rows.append(
             {
                 "effect": effect,
-                "twins": f"{variant} {', '.join(str(r) for r, _ in members)}",
-                "on": on,
+                "twins": f"{variant} {', '.join(str(m[0]) for m in members)}",
+                "state": state,
                 "reason": reason,
-                "cost_s": sum(costs) / len(costs) if costs else None,
+                "cost_s": cost,
+                "saved_s": saved,
             }
         )
     return rows
+
+
+def _mean(values) -> float | None:
+    known = [v for v in values if v is not None]
+    return sum(known) / len(known) if known else None
 
 
 def _packing_facts(r: Results) -> list[dict]:
@@ -570,7 +591,9 @@ def _view(r: Results) -> dict | None:
     if phase is None or not phase.any():
         return None
     attributes, _ = r.attributes("twin:twin.zarr.zip")
-    return view3d.view_data(phase, float(attributes["voxel_size_um"]), r.phases, _network(r, "twin:network"))
+    return view3d.view_data(
+        phase, float(attributes["voxel_size_um"]), r.twin_phases, _network(r, "twin:network")
+    )
 
 
 def _network(r: Results, stem: str) -> dict | None:

@@ -54,8 +54,20 @@ METRICS: dict[str, Metric] = {
     "porosity_second": Metric("porosity of the second packing", source="second/packing.json"),
     "n_grains": Metric("grains in the region of interest", "grains", "bodies.csv"),
     "n_virtual": Metric("virtual spheres poured", "spheres", "second/bodies.csv"),
-    "p_sp": Metric("share of virtual spheres among poured bodies", source="virtual_spheres.json"),
+    "p_sp": Metric("share of virtual spheres among poured bodies", source="second/packing.json"),
+    "cement_share": Metric("cement, share of the region", source="twin.zarr.zip"),
     "asleep": Metric("share of bodies at rest", source="bodies.csv", low=1.0),
+    "drift": Metric("drift of the freed bed in 300 steps, mean grain radii", source="second/packing.json",
+                    high=1e-3),
+    "net_force": Metric("mean net force on a body, of its weight", source="second/packing.json", high=0.01),
+    "energy_rise": Metric("largest rise of mechanical energy at rest, of the whole",
+                          source="second/packing.json", high=1e-3),
+    "on_spheres": Metric("share of grains that leaned on virtual spheres", source="contacts.json"),
+    "lost_support": Metric("share of grains that lost support with the spheres", source="contacts.json"),
+    "porosity_resettled": Metric("porosity once the skeleton has settled anew", source="resettling.json"),
+    "s2_resettled": Metric("largest change of S₂ by that", source="resettling.json"),
+    "moved_resettled": Metric("share of grains that it moves by more than 0.1 radii",
+                              source="resettling.json"),
     "scale_factor": Metric("final scaling of positions", source="correction.json"),
     "contacts_before": Metric("contacts before the final scaling", "contacts", "correction.json"),
     "contacts_after": Metric("contacts after the final scaling", "contacts", "correction.json"),
@@ -176,7 +188,7 @@ def summary_row(
 
 def packing_values(
     scene: Mapping,
-    spheres: Mapping,
+    deficit: Mapping,
     second: Mapping,
     correction: Mapping,
     bodies: pd.DataFrame,
@@ -186,8 +198,8 @@ def packing_values(
 
     Parameters
     ----------
-    scene, spheres, second, correction : mapping
-        scene.json, virtual_spheres.json, second/packing.json, correction.json.
+    scene, deficit, second, correction : mapping
+        scene.json, deficit.json, second/packing.json, correction.json.
     bodies : DataFrame
         bodies.csv.
     phase : ndarray of uint8, (z, y, x)
@@ -199,18 +211,34 @@ def packing_values(
     return {
         "porosity": float((phase == 0).mean()),
         "porosity_target": scene["porosity_target"],
-        "porosity_first": spheres["porosity_first"],
+        "porosity_first": deficit["porosity_first"],
         "porosity_second": before["porosity"],
         "n_grains": int(((centre >= 0) & (centre < size)).all(axis=1).sum()),
         "n_virtual": second["poured"] - second["poured_grains"],
         "p_sp": second["p_sp"],
+        "cement_share": np.count_nonzero(phase >= len(scene["phases"])) / phase.size,
         "asleep": float(bodies["asleep"].mean()),
+        "drift": second["rest"]["drift_mean"],
+        "net_force": second["rest"]["net_force"],
+        "energy_rise": second["rest"]["energy_rise"],
         "scale_factor": correction["scale_factor"],
         **{f"{name}_before": before[name] for name in ("contacts", "euler")},
         **{f"{name}_after": after[name] for name in ("contacts", "euler")},
         "contact_area_before_um2": before["contact_area_um2"],
         "contact_area_after_um2": after["contact_area_um2"],
     }
+
+
+def resettling_values(change: Mapping | None) -> dict[str, object]:
+    """What became of the skeleton when it settled without its virtual spheres (resettling.json).
+
+    Parameters
+    ----------
+    change : mapping or None
+        None where the check was not run: empty figures.
+    """
+    keys = {"porosity": "porosity_after", "s2": "s2_change", "moved": "moved_share"}
+    return {f"{name}_resettled": None if change is None else change[key] for name, key in keys.items()}
 
 
 def section_comparison(

@@ -49,6 +49,15 @@ TEXTS = {
         "Three vertical slices: first packing, second packing with virtual spheres, and the twin.",
         "The twin is not there yet.",
     ),
+    "forces": Text(
+        "What carries the grains",
+        "Packing",
+        "Contacts between grains in a slab two mean grains thick through the middle of the twin, seen from "
+        "the side: lines join two centres, as thick as the force between them in the second packing. "
+        "Contacts that carry nothing are thin grey lines.",
+        "A network of lines between grain centres, thicker where the contact force is larger.",
+        "The contacts have not been found yet.",
+    ),
     "virtual": Text(
         "Virtual spheres",
         "Packing",

@@ -1,18 +1,24 @@
-"""Volume: bodies become voxels; porosity, topology and contacts of the result; exports."""
+"""Volume: bodies become voxels; porosity, topology and contacts of the result; cement; exports."""
 
+from grainfall.volume.cement import as_minerals, cement, grow_rims
 from grainfall.volume.correction import correct_porosity
 from grainfall.volume.export import export_metaimage, export_raw, export_vti
+from grainfall.volume.finish import finish
 from grainfall.volume.measures import adjacent_pairs, euler_number, porosity
 from grainfall.volume.scan import VIRTUAL, voxelise, voxelise_slabs
 
 __all__ = [
     "VIRTUAL",
     "adjacent_pairs",
+    "as_minerals",
+    "cement",
     "correct_porosity",
     "euler_number",
     "export_metaimage",
     "export_raw",
     "export_vti",
+    "finish",
+    "grow_rims",
     "porosity",
     "voxelise",
     "voxelise_slabs",

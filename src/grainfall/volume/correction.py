@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pandas as pd
 
@@ -23,6 +25,7 @@ def correct_porosity(
     target: float,
     limit: float = 0.01,
     *,
+    switch: str = "auto",
     max_passes: int = 12,
     threads: int = 1,
 ) -> tuple[pd.DataFrame, dict]:
@@ -46,7 +49,8 @@ def correct_porosity(
     target : float
         Porosity wanted.
     limit : float
-        Largest |target - porosity| that position scaling may bridge; 0 switches it off.
+        Largest |target - porosity| that position scaling may bridge, whatever the switch.
+    switch : {"auto", "on", "off"}
     max_passes : int
         Voxelisations at most.
     threads : int
@@ -57,9 +61,9 @@ def correct_porosity(
     bodies : DataFrame
         The grains, moved where the correction was applied.
     report : dict
-        applied, reason, target, limit, scale_factor, passes (voxelisations), before and after: porosity,
-        euler (of the pore space, 6-connected), contacts (pairs of grains that share voxel faces),
-        contact_area_um2.
+        applied, forced, reason, target, limit, scale_factor, passes (voxelisations), wall_s, before and
+        after: porosity, euler (of the pore space, 6-connected), contacts (pairs of grains that share voxel
+        faces), contact_area_um2.
 
     Notes
     -----
@@ -68,6 +72,16 @@ def correct_porosity(
     target; the grains then stay where they were. Contraction is out of reach where no grains lie around the
     region: the emptied rim outweighs the denser core.
     """
+    started = time.perf_counter()
+    grains, report = _corrected(
+        bodies, library, shape, voxel_size_um, target, limit, switch, max_passes, threads
+    )
+    return grains, {**report, "forced": switch != "auto", "wall_s": time.perf_counter() - started}
+
+
+def _corrected(
+    bodies, library, shape, voxel_size_um, target, limit, switch, max_passes, threads
+) -> tuple[pd.DataFrame, dict]:
     grains = bodies[bodies["kind"] != "virtual"].reset_index(drop=True)
     centre = 0.5 * voxel_size_um * np.asarray(shape[::-1], float)
     passes = 0
@@ -92,8 +106,8 @@ def correct_porosity(
         "after": before,
     }
     gap = first[3]
-    if limit == 0.0:
-        report["reason"] = "switched off"
+    if switch == "off":
+        report["reason"] = f"switched off in the config, {abs(gap):.4f} from the target"
         return grains, report
     if abs(gap) > limit:
         report["reason"] = f"target not reachable by position scaling: |dphi| = {abs(gap):.4f} > {limit:g}"

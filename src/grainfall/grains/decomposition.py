@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
@@ -13,13 +11,13 @@ MOST_PIECES = 16
 CONCAVITY = 0.1
 """CoACD's threshold: largest concavity left in a piece, in units of a mesh scaled to the cube (-1, 1).
 
-Grains of a thin section with a hull excess of 0.20 were left 0.055 by 5 pieces; at half the threshold
-0.031 by 12, at twice the time.
+Grains of a thin section with a mean hull excess of 0.159 (those above 0.1) keep 0.066 in 4.6 pieces.
 """
 
 SEARCH = {"mcts_iterations": 20, "mcts_nodes": 20, "mcts_max_depth": 2, "resolution": 500}
-"""A coarser search for cuts than CoACD's own: on those grains the same pieces within 0.005 of excess, at a
-third of the time."""
+"""A coarser search for cuts than CoACD's own. Halved once more, to 10 iterations and nodes, grains of a thin
+section kept the same excess within 0.003 in 3.8 pieces for 3.3 and took 8 % less time, but an L of three
+cubes was cut beside its corner."""
 
 
 def decompose(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -34,25 +32,18 @@ def decompose(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, ...]
     -------
     tuple of (k, 3) ndarray
         Vertices of the pieces, at most :data:`MOST_PIECES`; none where the mesh is not a closed surface that
-        can be cut. The same mesh gives the same bytes, and is cut once in a run.
+        can be cut. The same mesh gives the same bytes.
 
     Notes
     -----
     Wei, Liu, Ling & Su (2022), ACM Trans. Graph. 41, 42: cuts by planes, found by a tree search that
     minimises the Hausdorff distance of the pieces from their hulls.
     """
-    return _decompose(
-        np.ascontiguousarray(vertices, np.float64).tobytes(), np.ascontiguousarray(faces, np.int32).tobytes()
-    )
-
-
-@lru_cache(maxsize=4096)
-def _decompose(vertices: bytes, faces: bytes) -> tuple[np.ndarray, ...]:
     import coacd
     import trimesh
 
-    points = np.frombuffer(vertices).reshape(-1, 3)
-    triangles = np.frombuffer(faces, np.int32).reshape(-1, 3)
+    points = np.ascontiguousarray(vertices, np.float64)
+    triangles = np.ascontiguousarray(faces, np.int32)
     mesh = trimesh.Trimesh(points, triangles, process=False)
     # CoACD cuts what it takes for a solid: an open or inside-out surface is none
     if not (mesh.is_watertight and mesh.is_winding_consistent and mesh.volume > 0):
@@ -81,23 +72,32 @@ def _solid(points: np.ndarray) -> bool:
 
 
 def union_volume(pieces: tuple[np.ndarray, ...], n: int = 64) -> float:
-    """Volume of the union of convex pieces, by counting points of a grid of ``n`` a side.
+    """Volume of the union of convex pieces, from the lengths inside it of ``n`` by ``n`` vertical lines.
 
     Parameters
     ----------
     pieces : tuple of (k, 3) ndarray
     n : int
-        The error of the volume is near 0.3 / n of it for compact solids.
+        The error of the volume of a ball is near 1e-3 of it with 64 lines a side.
     """
     low = np.min([piece.min(axis=0) for piece in pieces], axis=0)
     high = np.max([piece.max(axis=0) for piece in pieces], axis=0)
-    axes = [a + (np.arange(n) + 0.5) / n * (b - a) for a, b in zip(low, high, strict=True)]
-    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    inside = np.zeros(len(grid), bool)
-    for piece in pieces:
-        planes = ConvexHull(piece).equations
-        open_ = np.flatnonzero(
-            ~inside & (grid >= piece.min(axis=0)).all(axis=1) & (grid <= piece.max(axis=0)).all(axis=1)
-        )
-        inside[open_] = (grid[open_] @ planes[:, :3].T + planes[:, 3] <= 0).all(axis=1)
-    return float(inside.mean() * (high - low).prod())
+    cell = (high[:2] - low[:2]) / n
+    axes = [start + (np.arange(n) + 0.5) * step for start, step in zip(low, cell, strict=False)]
+    lines = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+    intervals = np.array([_crossings(piece, lines) for piece in pieces])  # (pieces, lines, 2)
+    order = intervals[..., 0].argsort(axis=0)
+    starts, ends = np.take_along_axis(intervals, order[..., None], axis=0).transpose(2, 0, 1)
+    reached = np.maximum.accumulate(np.vstack([np.full((1, len(lines)), low[2]), ends]), axis=0)
+    return float(np.maximum(ends - np.maximum(starts, reached[:-1]), 0).sum() * cell.prod())
+
+
+def _crossings(piece: np.ndarray, lines: np.ndarray) -> np.ndarray:
+    """Lowest and highest z (m, 2) of a convex piece on vertical lines at (x, y); alike where they miss it."""
+    planes = ConvexHull(piece).equations
+    outside = lines @ planes[:, :2].T + planes[:, 3]
+    up, down = planes[:, 2] > 1e-12, planes[:, 2] < -1e-12
+    top = (-outside[:, up] / planes[up, 2]).min(axis=1)
+    bottom = (-outside[:, down] / planes[down, 2]).max(axis=1)
+    beside = (outside[:, ~up & ~down] > 0).any(axis=1)
+    return np.column_stack([bottom, np.where(beside, bottom, np.maximum(top, bottom))])

@@ -1,0 +1,47 @@
+"""What the first packing lacks of the section: porosity, and pores of which sizes."""
+
+from _stage import stage
+
+from grainfall import io, morphology, packing, random, stereology
+
+with stage(snakemake) as progress:
+    files, settings = snakemake.input, snakemake.params.settings
+    scene = io.read_json(files.scene)
+    phase, attributes = io.read_volume(files.volume, "phase")
+    porosity = float((phase == 0).mean())
+    section_pores = io.read_table(files.section_pores)
+    _, pores = morphology.measure_slices(
+        phase,
+        attributes["voxel_size_um"],
+        random.slices(
+            random.generator(**snakemake.params.stream, chapter="packing/slices"),
+            phase.shape,
+            settings["correlation"]["slices"],
+        ),
+        **settings["morphology"],
+    )
+    target, first = (
+        stereology.unfold_table(table, method=settings["stereology"]["method"], bootstrap=0)
+        for table in (section_pores, pores)
+    )
+    sizes, deficit = packing.plan_deficit(
+        scene,
+        target,
+        first,
+        packing.pore_tail(
+            section_pores,
+            pores,
+            scene["porosity_target"],
+            porosity,
+            random.generator(**snakemake.params.stream, chapter="packing/tail"),
+        ),
+        porosity,
+        sum(p * v for p, v in zip(scene["probabilities"], scene["mean_volumes_um3"], strict=True)),
+        switch=settings["effects"]["virtual_spheres"],
+        limit=settings["feedback"]["limit"],
+    )
+    io.write_table(snakemake.output.pores, pores)
+    io.write_table(snakemake.output.sizes, sizes.to_table())
+    io.write_json(snakemake.output.deficit, deficit)
+    spheres = deficit["virtual_spheres"]
+    progress.say(("spheres: " if spheres["on"] else "no spheres: ") + spheres["reason"])

@@ -1,0 +1,108 @@
+"""Optional effects in real packings of a small bed: what they change, and what they cost."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+import trimesh
+
+from grainfall import packing, volume
+
+SCENE = {
+    "phases": ["pore", "quartz"],
+    "fractions": [1.0],
+    "sizes_from": "f3d",
+    "edge_um": 60.0,
+    "margin_um": 10.0,
+    "shape_zyx": [60, 60, 60],
+    "voxel_size_um": 1.0,
+}
+SIZES = {(1, "grain"): SimpleNamespace(quantile=lambda q, which="f3d": 8.0 + 4.0 * np.asarray(q))}
+
+
+@pytest.fixture(scope="module")
+def library():
+    """One ellipsoid, equal-volume radius 1."""
+    ball = trimesh.creation.icosphere(2)
+    table = pd.DataFrame({"shape": [0], "phase": [1], "r2d_um": [10.0]})
+    return SimpleNamespace(vertices=[ball.vertices * [1.2, 1.0, 1 / 1.2]], faces=[ball.faces], table=table)
+
+
+@pytest.fixture(scope="module")
+def pack(library):
+    def pack_with(parameters, seed=0, taps=0):
+        return packing.pack(SCENE, SIZES, library, parameters, np.random.default_rng(seed), taps=taps)
+
+    return pack_with
+
+
+@pytest.fixture(scope="module")
+def porosity(library):
+    def porosity_of(bodies):
+        return volume.porosity(volume.voxelise(bodies, library, SCENE["shape_zyx"], 1.0)[0])
+
+    return porosity_of
+
+
+@pytest.fixture(scope="module")
+def plain(pack):
+    """The first packings of three realizations, by a coarse solver."""
+    return [pack(packing.Parameters(), seed) for seed in range(3)]
+
+
+def test_refinement_changes_nothing_but_the_cost(pack, plain, porosity):
+    """Half the step and twice the iterations: no metric leaves the spread of realizations; more work is done.
+
+    Work is counted in solver iterations: the seconds of a shared machine are no test.
+    """
+    fine = [
+        packing.pack_first(lambda p, seed=seed: pack(p, seed), packing.Parameters(), "on")
+        for seed in range(3)
+    ]
+    for measure in (lambda b, r: porosity(b), lambda b, r: r["poured"]):
+        coarse, finer = (np.array([measure(*one) for one in ensemble]) for ensemble in (plain, fine))
+        # the difference of two means of n, at three standard errors of the pooled spread
+        error = np.sqrt((coarse.var(ddof=1) + finer.var(ddof=1)) / len(fine))
+        assert abs(finer.mean() - coarse.mean()) <= 3 * error
+    for (_, coarse), (_, finer) in zip(plain, fine, strict=True):
+        assert finer["refinement"]["forced"]
+        assert finer["refinement"]["cost_s"] > 0
+        work = [r["steps"] * r["parameters"]["solver_iterations"] for r in (coarse, finer)]
+        assert work[1] > 2 * work[0]
+
+
+def deficit(first, target):
+    return {
+        "porosity_first": first,
+        "porosity_target": target,
+        "virtual_spheres": {"on": False, "for_tail": False, "p_sp": 0.0},
+    }
+
+
+def test_lubrication_reaches_a_denser_target_and_misses_it_when_off(pack, plain, porosity):
+    first = porosity(plain[0][0])
+    plan = deficit(first, first - 0.03)
+
+    def again(switch):
+        return packing.pack_again(
+            plan,
+            lambda p, lubrication, taps: pack(packing.Parameters().lubricated(lubrication), 0, taps),
+            porosity,
+            plain[0],
+            densification=switch,
+            passes=5,
+        )
+
+    bodies, report = again("auto")
+    assert report["reached"]
+    assert abs(porosity(bodies) - plan["porosity_target"]) <= 0.01
+    assert bodies["asleep"].mean() > 0.95
+    bodies, report = again("off")
+    assert not report["reached"]
+    pd.testing.assert_frame_equal(bodies, plain[0][0])
+
+
+def test_taps_pack_denser_than_lubrication_alone(pack, porosity):
+    slick = packing.Parameters().lubricated(0.2)
+    assert porosity(pack(slick, 0, taps=4)[0]) < porosity(pack(slick, 0)[0])

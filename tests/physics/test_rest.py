@@ -1,0 +1,117 @@
+"""Beds that rest, resume and resettle."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from grainfall.packing import Box, Parameters, deposit, settle
+from grainfall.packing.bed import Bed
+from grainfall.packing.engine import Solid, start
+
+ENGINES = ["physx", "bullet"]
+BOX = Box((300.0,) * 3, 50.0)
+
+
+class NoShapes:
+    """Spheres only."""
+
+    vertices = ()
+    faces = ()
+
+
+def spheres(centres, radius=50.0) -> pd.DataFrame:
+    centres = np.asarray(centres, float)
+    turns = {"qw": 1.0, "qx": 0.0, "qy": 0.0, "qz": 0.0, "asleep": True}
+    table = pd.DataFrame({"id": np.arange(len(centres)), "kind": "grain", "phase": 1, "shape": -1})
+    return table.assign(scale=radius, x=centres[:, 0], y=centres[:, 1], z=centres[:, 2], **turns)
+
+
+def supply(n=200):
+    radii = np.random.default_rng(2).uniform(40, 60, n)
+    return pd.DataFrame({"kind": "grain", "phase": 1, "shape": -1, "scale": radii})
+
+
+class Killed(Exception):
+    """Stands for a kill."""
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_killed_packing_resumes_and_ends_with_the_same_bytes(engine, tmp_path):
+    parameters = Parameters.named(engine=engine, checkpoint_steps=150, rest_windows=2)
+
+    def pour(folder=None, dies_at=np.inf):
+        last = []
+
+        def progress(poured, settled, expected, steps):
+            last.append(steps)
+            if steps >= dies_at:
+                raise Killed
+
+        rng = np.random.default_rng(3)
+        return deposit(supply(), NoShapes, BOX, parameters, rng, progress, folder), last
+
+    undisturbed, steps = pour()
+    for share in (0.3, 0.8):
+        with pytest.raises(Killed):
+            pour(tmp_path, dies_at=share * steps[-1])
+    resumed, seen = pour(tmp_path)
+    assert resumed.to_csv() == undisturbed.to_csv()
+    assert resumed.attrs["forces"] == undisturbed.attrs["forces"]
+    assert seen[0] > 0.8 * steps[-1] - 2 * 150
+    # another packing does not take this one's checkpoint
+    other = deposit(supply(150), NoShapes, BOX, parameters, np.random.default_rng(3), None, tmp_path)
+    assert other.to_csv() != undisturbed.to_csv()
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_forces_carry_the_weight(engine):
+    """Two spheres on top of each other: the lower contact bears one weight, the floor two."""
+    box = start(Parameters.named(engine=engine), 10, 10)
+    weight = 9.8 * 5.0
+    ball = Solid((), 1.0, 5.0, np.full(3, 2.0))
+    for z in (1.0, 3.0):
+        box.add(ball, np.array([5, 5, z]), np.array([1.0, 0, 0, 0]))
+    box.step(200)
+    found = box.contacts()
+    force = {tuple(sorted(pair)): f for pair, f in zip(found.pairs.tolist(), found.force, strict=True)}
+    assert force[0, 1] == pytest.approx(weight, rel=0.01)
+    assert force[-1, 0] == pytest.approx(2 * weight, rel=0.01)
+    box.close()
+
+
+def test_force_in_newtons():
+    """A column of two: the upper grain's weight, 2.6 g/cm3 under Earth's gravity."""
+    bodies = spheres([[150, 150, 0], [150, 150, 100]])
+    _, report = settle(bodies, NoShapes, BOX, Parameters.named(), windows=3)
+    weight = 2600 * 4 / 3 * np.pi * 50e-6**3 * 9.8
+    assert report["forces"]["force_n"].tolist() == [pytest.approx(weight, rel=0.01)]
+    assert report["forces"][["a", "b"]].to_numpy().tolist() == [[0, 1]]
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_what_rests_stays_and_what_hangs_falls(engine):
+    bodies = spheres([[0, 0, 0], [150, 150, 0], [150, 150, 300]])
+    bodies["id"] = [7, 3, 12]
+    moved, report = settle(bodies, NoShapes, BOX, Parameters.named(engine=engine), windows=10)
+    assert moved["id"].tolist() == [7, 3, 12]
+    way = np.linalg.norm((moved[["x", "y", "z"]] - bodies[["x", "y", "z"]]).to_numpy(), axis=1)
+    assert way[0] < 0.1
+    assert way[2] > 190
+    assert report["moved_max"] == pytest.approx(way.max() / 50, rel=1e-6)
+    assert report["escaped"] == 0
+
+
+def test_taps_make_a_loose_bed_denser():
+    loose = deposit(supply(), NoShapes, BOX, Parameters.named(), np.random.default_rng(1))
+    still, tapped = (settle(loose, NoShapes, BOX, Parameters.named(), taps=n)[0]["z"] for n in (0, 20))
+    assert abs(still.mean() - loose["z"].mean()) < 0.5
+    assert tapped.mean() < still.mean() - 2.0
+
+
+def test_energy_of_a_bed():
+    bodies = spheres([[0, 0, 150]])
+    bed = Bed.of(bodies, NoShapes, BOX, Parameters.named(density=1.0))
+    mass = 4 / 3 * np.pi
+    bed.velocity[0] = [3.0, 0, 0]
+    bed.spin[0] = [0, 2.0, 0]
+    assert bed.energy() == pytest.approx(mass * (9.8 * 4.0 + 4.5 + 0.4 * 4 / 2))

@@ -1,0 +1,191 @@
+"""Overgrowth rims against spheres whose grown volume is known."""
+
+import itertools
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from grainfall import volume
+
+LIBRARY = SimpleNamespace(vertices=[], faces=[])
+CEMENT = 3
+
+
+def lattice(spacing=32.0, radius=10.0, n=2, around=1):
+    """Spheres on a simple cubic lattice, the cells around the region of n cells included; unit voxels."""
+    cells = np.arange(-around, n + around) + 0.5
+    xyz = np.stack(np.meshgrid(cells, cells, cells), axis=-1).reshape(-1, 3) * spacing
+    bodies = pd.DataFrame(xyz, columns=["x", "y", "z"])
+    bodies = bodies.assign(id=range(len(xyz)), kind="grain", phase=1 + np.arange(len(xyz)) % 2, shape=-1)
+    return bodies.assign(scale=radius, qw=1.0, qx=0.0, qy=0.0, qz=0.0), (int(n * spacing),) * 3
+
+
+def distance_to_surface(bodies, shape, radius=10.0):
+    """Distance of every voxel centre from the nearest sphere's surface."""
+    centre = np.stack(np.indices(shape)[::-1], axis=-1) + 0.5
+    nearest = np.full(shape, np.inf)
+    for xyz in bodies[["x", "y", "z"]].to_numpy():
+        nearest = np.minimum(nearest, np.linalg.norm(centre - xyz, axis=-1) - radius)
+    return nearest
+
+
+@pytest.mark.parametrize("thickness", [0.5, 1.7, 4.0, 5.9])
+def test_rims_are_the_grown_spheres(thickness):
+    """The target is the exact porosity of spheres grown by ``thickness``, and such spheres it becomes.
+
+    The grid knows the surface to within a voxel: half a diagonal inside, half a diagonal outside.
+    """
+    bodies, shape = lattice()
+    target = 1 - 4 / 3 * np.pi * (10 + thickness) ** 3 / 32**3
+    phase, _, report = volume.cement(bodies, LIBRARY, shape, 1.0, target, CEMENT)
+    assert abs(np.count_nonzero(phase == 0) - target * phase.size) <= 1
+    depth = distance_to_surface(bodies, shape)
+    assert depth[phase == CEMENT].max() < thickness + 3**0.5 / 2
+    assert depth[phase == 0].min() > thickness - 3**0.5 / 2
+    assert report["rim_um"] == pytest.approx(thickness, abs=3**0.5 / 2)
+
+
+@pytest.mark.parametrize("target", [0.5, 0.196, 0.086, 0.0])
+def test_any_target_is_met_to_the_voxel(target):
+    bodies, shape = lattice(spacing=22.0)
+    phase, _, report = volume.cement(bodies, LIBRARY, shape, 1.0, target, CEMENT)
+    assert abs(np.count_nonzero(phase == 0) - target * phase.size) <= 0.5
+    assert report["after"] == pytest.approx(target, abs=0.5 / phase.size)
+    assert report["share"] == pytest.approx(report["before"] - report["after"], abs=1e-12)
+
+
+def test_grains_stay_and_rims_belong_to_the_grain_they_grew_on():
+    bodies, shape = lattice()
+    before, owner_before = volume.voxelise(bodies, LIBRARY, shape, 1.0)
+    phase, owner, _ = volume.cement(bodies, LIBRARY, shape, 1.0, 0.5, CEMENT)
+    solid = before > 0
+    np.testing.assert_array_equal(phase[solid], before[solid])
+    np.testing.assert_array_equal(owner[solid], owner_before[solid])
+    assert set(np.unique(phase[~solid])) == {0, CEMENT}
+    np.testing.assert_array_equal(owner > 0, phase > 0)
+    centres = bodies.set_index("id")[["z", "y", "x"]]
+    rim = np.argwhere(phase == CEMENT)
+    off = np.linalg.norm(rim + 0.5 - centres.loc[owner[phase == CEMENT] - 1].to_numpy(), axis=1)
+    assert off.max() < 10 + (1 - 0.5) * 32  # nobody's rim reaches over its neighbour's
+
+
+def test_more_cement_only_adds():
+    bodies, shape = lattice()
+    filled = [volume.cement(bodies, LIBRARY, shape, 1.0, t, CEMENT)[0] > 0 for t in (0.7, 0.62, 0.6, 0.3)]
+    for less, more in itertools.pairwise(filled):
+        assert (more | ~less).all()
+
+
+def test_rims_grow_in_from_grains_outside_the_region():
+    """Of two spheres one lies beyond the region's face, no voxel of it inside: its rim comes in."""
+    bodies, _ = lattice(n=1, around=0)
+    beyond = bodies.assign(id=1, z=-9.6)
+    bodies = pd.concat([bodies.assign(z=24.0), beyond], ignore_index=True)
+    shape = (32, 32, 32)
+    plain, owner = volume.voxelise(bodies, LIBRARY, shape, 1.0)
+    assert not (owner == 2).any()
+    phase, owner, report = volume.cement(bodies, LIBRARY, shape, 1.0, (plain == 0).mean() - 0.05, CEMENT)
+    assert (owner == 2).any()
+    rim = (owner == 2) & (phase == CEMENT)
+    assert distance_to_surface(beyond, shape)[rim].max() == pytest.approx(report["rim_um"], abs=1.0)
+
+
+def test_the_last_shell_is_spread_evenly():
+    """Half a shell on a flat wall: every quarter of the wall gets its share."""
+    phase = np.zeros((6, 64, 64), np.uint8)
+    phase[0] = 1
+    cemented, _, rim = volume.grow_rims(phase, phase.astype(np.int32), 1 - (1.5 * 64**2) / phase.size, CEMENT)
+    assert rim == 1.0
+    quarters = (cemented[1] == CEMENT).reshape(2, 32, 2, 32).sum(axis=(1, 3))
+    np.testing.assert_allclose(quarters, 512, atol=16)
+
+
+@pytest.mark.parametrize("target", [0.95, 0.9])
+def test_nothing_is_done_where_the_pores_are_few_enough(target):
+    bodies, shape = lattice()
+    phase, owner, report = volume.cement(bodies, LIBRARY, shape, 1.0, target, CEMENT)
+    plain = volume.voxelise(bodies, LIBRARY, shape, 1.0)
+    assert report["rim_um"] == report["share"] == 0
+    np.testing.assert_array_equal(phase, plain[0])
+    np.testing.assert_array_equal(owner, plain[1])
+
+
+def test_without_grains_there_is_nothing_to_grow_on():
+    phase, _, report = volume.cement(lattice()[0].iloc[:0], LIBRARY, (8, 8, 8), 1.0, 0.5, CEMENT)
+    assert not phase.any()
+    assert report["rim_um"] == 0
+
+
+def test_slabs_do_not_show():
+    """The nearest grain is the same whether the volume is one slab or many."""
+    from grainfall.volume.cement import _nearest
+
+    body = np.zeros((40, 12, 12), np.int32)
+    body[5, 6, 6], body[20, 2, 2], body[33, 9, 9] = 1, 2, 3
+    np.testing.assert_array_equal(_nearest(body, 40, slab=7), _nearest(body, 40, slab=64))
+
+
+# ---- from the packing to the twin
+
+SCENE = {"shape_zyx": [64, 64, 64], "voxel_size_um": 1.0, "phases": ["pore", "quartz", "feldspar"]}
+NEEDED = {"called_for": True, "on": True}
+
+
+def finished(target, densification=NEEDED, **switches):
+    scene = {**SCENE, "porosity_target": target}
+    return volume.finish(
+        lattice()[0], LIBRARY, scene, densification, {"position_scaling": "auto", "cement": "auto"} | switches
+    )
+
+
+PLAIN = 1 - 4 / 3 * np.pi * 10**3 / 32**3
+"""Porosity of the lattice, but for the voxels."""
+
+
+@pytest.mark.parametrize(
+    ("target", "given", "on", "words"),
+    [
+        (0.6, {}, True, "densification leaves a porosity of 0.87"),
+        (0.6, {"densification": {"called_for": True, "on": False}}, True, "the packing leaves a porosity"),
+        (
+            0.6,
+            {"densification": {"called_for": False, "on": False}},
+            False,
+            "the virtual spheres, not",
+        ),
+        (0.6, {"cement": "off"}, False, "switched off in the config, although"),
+        (0.868, {"position_scaling": "off"}, False, "within 0.01"),
+        (0.868, {"position_scaling": "off", "cement": "on"}, True, "forced on in the config, although"),
+        (0.9, {"cement": "on"}, False, "with nothing to do"),
+    ],
+)
+def test_cement_where_densification_fell_short(target, given, on, words):
+    _, phase, _, scaling, rims = finished(target, **given)
+    assert rims["on"] is on
+    assert words in rims["reason"]
+    assert scaling["before"]["porosity"] == pytest.approx(PLAIN, abs=0.002)
+    assert (phase == CEMENT).any() == on
+    if on:
+        assert abs(np.count_nonzero(phase == 0) - target * phase.size) <= 1
+    else:
+        assert abs((phase == 0).mean() - target) > 0.001  # what is called for and off is missed
+
+
+def test_forced_cement_without_a_deficit_changes_nothing():
+    auto, forced = (finished(0.875, cement=switch) for switch in ("auto", "on"))
+    pd.testing.assert_frame_equal(auto[0], forced[0])
+    np.testing.assert_array_equal(auto[1], forced[1])
+    np.testing.assert_array_equal(auto[2], forced[2])
+    assert not forced[4]["on"]
+
+
+def test_a_section_shows_rims_as_the_grains_mineral():
+    bodies, phase, body, *_ = finished(0.6)
+    seen = volume.as_minerals(phase, body, bodies)
+    np.testing.assert_array_equal(seen > 0, phase > 0)
+    np.testing.assert_array_equal(seen[phase < CEMENT], phase[phase < CEMENT])
+    mineral = bodies.set_index("id")["phase"]
+    rim = phase == CEMENT
+    np.testing.assert_array_equal(seen[rim], mineral.loc[body[rim] - 1])
