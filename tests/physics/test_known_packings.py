@@ -35,13 +35,12 @@ def test_frictionless_spheres_have_three_contacts_each(engine, tolerance):
 
 def test_friction_loosens_equal_spheres():
     """One seed a friction; the core, 90 diameters cubed, scatters by about 0.01 from seed to seed."""
-    rows = [packing.spheres(Case("spheres", friction=mu), 0) for mu in (0.0, 0.3, 1.0)]
-    smooth, middle, rough = (row["solid_fraction"] for row in rows)
+    rows = [packing.spheres(Case("spheres", friction=mu), 0) for mu in (0.0, 1.0)]
+    smooth, rough = (row["solid_fraction"] for row in rows)
     assert 0.634 - 0.02 < smooth < 0.643 + 0.02
-    assert smooth > middle > rough - 0.01
-    assert smooth > rough > 0.55
+    assert smooth - 0.015 > rough > 0.55
     assert 5.9 < rows[0]["z"] < 6.2
-    assert rows[0]["z"] > rows[1]["z"] > rows[2]["z"] > 4
+    assert 4.0 < rows[1]["z"] < 5.0
     for row in rows:
         assert row["drift"] < 1e-3
         assert row["net_force"] < 1e-2
@@ -67,8 +66,8 @@ def test_friction_steepens_a_heap():
 
 @pytest.mark.parametrize("engine", ["physx", "bullet"])
 def test_grains_set_free_stay_where_they_are(engine):
-    """One seed an engine, a bed five diameters wide."""
-    found = packing.rest(Case("rest", engine), 0, roi=3.0)
+    """One seed an engine, a bed four diameters wide."""
+    found = packing.rest(Case("rest", engine), 0, roi=2.0)
     assert found["drift"] < (1e-3 if engine == "physx" else 1e-2)
     assert found["net_force"] < 1e-2
     assert found["energy_rise"] < 1e-3
