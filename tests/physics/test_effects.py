@@ -26,7 +26,9 @@ def library():
     """One ellipsoid, equal-volume radius 1."""
     ball = trimesh.creation.icosphere(2)
     table = pd.DataFrame({"shape": [0], "phase": [1], "r2d_um": [10.0]})
-    return SimpleNamespace(vertices=[ball.vertices * [1.2, 1.0, 1 / 1.2]], faces=[ball.faces], table=table)
+    return SimpleNamespace(
+        vertices=[ball.vertices * [1.2, 1.0, 1 / 1.2]], faces=[ball.faces], pieces=[()], table=table
+    )
 
 
 @pytest.fixture(scope="module")

@@ -28,6 +28,7 @@ AFTER_PACKING = {
     "network",
     "flow",
     "contacts",
+    "resettling",
     "plan",
     "metrics",
     "summary",

@@ -165,8 +165,8 @@ class Bullet:
             # the normal points from the second body to the first
             row[2:] += point[9] * np.array(point[7])
             row[2:] += point[10] * np.array(point[11]) + point[12] * np.array(point[13])
-        pairs = np.array(list(found), int).reshape(-1, 2)
-        table = np.array(list(found.values()), float).reshape(-1, 5)
+        pairs = np.array(sorted(found), int).reshape(-1, 2)
+        table = np.array([found[pair] for pair in sorted(found)], float).reshape(-1, 5)
         return Contacts(pairs, table[:, 0], table[:, 1], table[:, 2:], True)
 
     def close(self) -> None:

@@ -131,6 +131,7 @@ class PhysX:
             if contact.points
         ]
         table = np.array(rows, float).reshape(-1, 7)
+        table = table[np.lexsort(table.T[::-1])]  # PhysX gives them in an order of its own
         table[:, 3:] /= self._system.timestep
         return Contacts(table[:, :2].astype(int), table[:, 2], table[:, 3], table[:, 4:], False)
 
