@@ -7,10 +7,21 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 SCENES = hard_scenes.scenes("reduced")
-RUNS = [(scene, engine) for scene in SCENES for engine in hard_scenes.engines(scene)]
+RUNS = [
+    pytest.param(
+        scene,
+        engine,
+        id=f"{scene['scene']}-{engine}",
+        marks=[pytest.mark.xfail(run=False, reason=scene["falls_short"][engine])]
+        if engine in scene.get("falls_short", {})
+        else [],
+    )
+    for scene in SCENES
+    for engine in hard_scenes.engines(scene)
+]
 
 
-@pytest.mark.parametrize(("scene", "engine"), RUNS, ids=[f"{s['scene']}-{e}" for s, e in RUNS])
+@pytest.mark.parametrize(("scene", "engine"), RUNS)
 def test_hard_case(scene, engine):
     row = hard_scenes.run(scene, engine)
     assert row["verdict"] == scene["expected"], row["why"]
