@@ -2,7 +2,9 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
+import trimesh
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -20,3 +22,19 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip("reference data (../shared/data) is not here")
     return folder
+
+
+@pytest.fixture(scope="session")
+def ell() -> tuple[np.ndarray, np.ndarray]:
+    """Three unit cubes as a mesh: one on the floor, one on it, one beside that one, over nothing."""
+    outline = np.array([[0, 0], [1, 0], [1, 1], [2, 1], [2, 2], [0, 2]], float)
+    corners = np.vstack([np.column_stack([outline[:, 0], np.full(6, y), outline[:, 1]]) for y in (0, 1)])
+    cap = [[0, 1, 2], [0, 2, 5], [2, 3, 4], [2, 4, 5]]
+    sides = [t for i in range(6) for j in [(i + 1) % 6] for t in ([i, i + 6, j], [j, i + 6, j + 6])]
+    faces = cap + [[c + 6, b + 6, a + 6] for a, b, c in cap] + sides
+    mesh = trimesh.Trimesh(corners, faces, process=False)
+    assert mesh.is_watertight
+    if mesh.volume < 0:
+        mesh.invert()
+    assert mesh.volume == pytest.approx(3)
+    return np.array(mesh.vertices), np.array(mesh.faces)

@@ -33,13 +33,13 @@ class Lognormal:
         return lognorm.ppf(np.clip(q, 0.01, 0.99), 0.25, scale=RADIUS)
 
 
-def angular_grains(n: int, rng: np.random.Generator) -> Library:
-    """Ellipsoids cut by four random planes."""
+def angular_grains(n: int, rng: np.random.Generator, planes: int = 4, subdivisions: int = 3) -> Library:
+    """Ellipsoids cut by random planes, equal-volume radius 1, centre of mass at the origin."""
     vertices, faces, radii = [], [], []
     for _ in range(n):
-        ball = trimesh.creation.icosphere(3)
+        ball = trimesh.creation.icosphere(subdivisions)
         v = np.array(ball.vertices) * rng.uniform(0.75, 1.25, 3)
-        for _ in range(4):
+        for _ in range(planes):
             d = rng.standard_normal(3)
             d /= np.linalg.norm(d)
             v -= np.maximum(v @ d - rng.uniform(0.6, 0.9) * (v @ d).max(), 0)[:, None] * d

@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 import trimesh
 import yaml
+from engines import angular_grains
 
 from grainfall import flow, grains, network, packing, section, stereology, volume
 from grainfall.errors import InputError
@@ -491,16 +492,7 @@ def spheres(rng: np.random.Generator) -> grains.Library:
 
 def pebbles(rng: np.random.Generator) -> grains.Library:
     """Ellipsoids cut by three random planes."""
-    meshes = []
-    for _ in range(8):
-        ball = trimesh.creation.icosphere(2)
-        v = np.array(ball.vertices) * rng.uniform(0.75, 1.25, 3)
-        for _ in range(3):
-            d = rng.standard_normal(3)
-            d /= np.linalg.norm(d)
-            v -= np.maximum(v @ d - rng.uniform(0.6, 0.9) * (v @ d).max(), 0)[:, None] * d
-        meshes.append((v, ball.faces))
-    return library_of(meshes)
+    return angular_grains(8, rng, planes=3, subdivisions=2)
 
 
 def spheroids(*axes: float) -> Callable[[np.random.Generator], grains.Library]:

@@ -15,22 +15,6 @@ CENTRE = np.array([5 / 6, 0.5, 7 / 6])  # of the L below
 UPRIGHT = np.array([1.0, 0, 0, 0])
 
 
-@pytest.fixture(scope="module")
-def ell() -> tuple[np.ndarray, np.ndarray]:
-    """Three unit cubes: one on the floor, one on it, one beside that one, over nothing."""
-    outline = np.array([[0, 0], [1, 0], [1, 1], [2, 1], [2, 2], [0, 2]], float)
-    corners = np.vstack([np.column_stack([outline[:, 0], np.full(6, y), outline[:, 1]]) for y in (0, 1)])
-    cap = [[0, 1, 2], [0, 2, 5], [2, 3, 4], [2, 4, 5]]
-    sides = [t for i in range(6) for j in [(i + 1) % 6] for t in ([i, i + 6, j], [j, i + 6, j + 6])]
-    faces = cap + [[c + 6, b + 6, a + 6] for a, b, c in cap] + sides
-    mesh = trimesh.Trimesh(corners, faces, process=False)
-    assert mesh.is_watertight
-    if mesh.volume < 0:
-        mesh.invert()
-    assert mesh.volume == pytest.approx(3)
-    return np.array(mesh.vertices), np.array(mesh.faces)
-
-
 def shape_of(ell, decomposition: str = "auto"):
     return collision_shape(*ell, Parameters(decomposition=decomposition), cut(*ell)[0])
 

@@ -1,14 +1,8 @@
 """Packings that physics knows, reduced: ``make bench-packing`` has them all, with more seeds and cores."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
-import pytest
-
-sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
-
 import packing
+import pytest
 from packing import RADIUS, Case, angle_of_repose, grains
 
 from grainfall.contacts import closest_points

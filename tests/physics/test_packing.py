@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import trimesh
+from engines import angular_grains
 from scipy.spatial.transform import Rotation
 
 import grainfall
@@ -25,20 +26,7 @@ ENGINES = ["physx", "bullet"]
 @pytest.fixture(scope="module")
 def library() -> Library:
     """Ellipsoids cut by random planes, equal-volume radius 1, centre of mass at the origin."""
-    rng = np.random.default_rng(5)
-    vertices, faces = [], []
-    for _ in range(8):
-        ball = trimesh.creation.icosphere(2)
-        v = np.array(ball.vertices) * rng.uniform(0.75, 1.25, 3)
-        for _ in range(3):
-            d = rng.standard_normal(3)
-            d /= np.linalg.norm(d)
-            v -= np.maximum(v @ d - rng.uniform(0.6, 0.9) * (v @ d).max(), 0)[:, None] * d
-        mesh = trimesh.Trimesh(v, ball.faces, process=False)
-        v = (v - mesh.center_mass) / (mesh.volume / (4 * np.pi / 3)) ** (1 / 3)
-        vertices.append(v)
-        faces.append(np.array(ball.faces, np.int32))
-    return Library(vertices, faces, pd.DataFrame({"shape": range(8)}))
+    return angular_grains(8, np.random.default_rng(5), planes=3, subdivisions=2)
 
 
 def supply(n: int, shapes: int, radii=50.0) -> pd.DataFrame:

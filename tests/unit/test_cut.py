@@ -14,20 +14,6 @@ from grainfall.grains import cut
 from grainfall.grains.decomposition import MOST_PIECES, decompose, union_volume
 
 
-@pytest.fixture(scope="module")
-def ell() -> tuple[np.ndarray, np.ndarray]:
-    """Three unit cubes, two in a row and one beside the second."""
-    outline = np.array([[0, 0], [1, 0], [1, 1], [2, 1], [2, 2], [0, 2]], float)
-    corners = np.vstack([np.column_stack([outline[:, 0], np.full(6, y), outline[:, 1]]) for y in (0, 1)])
-    cap = [[0, 1, 2], [0, 2, 5], [2, 3, 4], [2, 4, 5]]
-    sides = [t for i in range(6) for j in [(i + 1) % 6] for t in ([i, i + 6, j], [j, i + 6, j + 6])]
-    mesh = trimesh.Trimesh(corners, cap + [[c + 6, b + 6, a + 6] for a, b, c in cap] + sides, process=False)
-    if mesh.volume < 0:
-        mesh.invert()
-    assert mesh.volume == pytest.approx(3)
-    return np.array(mesh.vertices), np.array(mesh.faces)
-
-
 def bumpy() -> tuple[np.ndarray, np.ndarray]:
     ball = trimesh.creation.icosphere(3)
     v = np.array(ball.vertices)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -115,19 +115,19 @@ class Bed:
         self.spin = np.vstack([self.spin, np.zeros((n, 3))])
         self.fixed = np.append(self.fixed, np.zeros(n, bool))
         if self.engine is not None:
-            self._add(self.engine, self.parameters, range(first, first + n))
+            self._add(range(first, first + n))
 
     def start(self, parameters: Parameters | None = None) -> None:
         """A new engine with the bodies as they are: no solver cache outlives it."""
         self.close()
         self.parameters = parameters or self.parameters
         self.engine = start(self.parameters, *self.sides)
-        self._add(self.engine, self.parameters, range(len(self)))
+        self._add(range(len(self)))
 
-    def _add(self, engine: Engine, parameters: Parameters, ids) -> None:
+    def _add(self, ids: Iterable[int]) -> None:
         for i in ids:
-            engine.add(
-                self.solid(i, parameters),
+            self.engine.add(
+                self.solid(i),
                 self.position[i],
                 self.quaternion[i],
                 self.velocity[i],
@@ -135,7 +135,7 @@ class Bed:
                 bool(self.fixed[i]),
             )
 
-    def solid(self, i: int, parameters: Parameters) -> Solid:
+    def solid(self, i: int) -> Solid:
         """Body ``i`` as the engine needs it."""
         shape, r = self.shapes[self.shape[i]], self.radius[i]
         exact = self.density[i] * shape.inertia * r**5
@@ -143,7 +143,7 @@ class Bed:
             parts=shape.parts,
             radius=self.bound[i],
             mass=self.density[i] * 4 / 3 * np.pi * r**3,
-            inertia=exact if parameters.inertia == "exact" else np.ones(3),
+            inertia=exact if self.parameters.inertia == "exact" else np.ones(3),
             scale=r,
         )
 
@@ -203,13 +203,9 @@ class Bed:
         The poses are given to the engine's own narrow phase as they are, all bodies free, for one step too
         short to move them.
         """
-        still = replace(self.parameters, dt=1e-6, gravity=1e-6)
-        engine = start(still, *self.sides)
-        fixed, self.fixed = self.fixed, np.zeros(len(self), bool)
-        velocity, self.velocity = self.velocity, np.zeros_like(self.velocity)
-        spin, self.spin = self.spin, np.zeros_like(self.spin)
-        self._add(engine, still, range(len(self)))
-        self.fixed, self.velocity, self.spin = fixed, velocity, spin
+        engine = start(replace(self.parameters, dt=1e-6, gravity=1e-6), *self.sides)
+        for i in range(len(self)):
+            engine.add(self.solid(i), self.position[i], self.quaternion[i])
         engine.step(1)
         found = engine.contacts()
         engine.close()
