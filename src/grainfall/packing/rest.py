@@ -175,17 +175,20 @@ def relax(
             energy.append(bed.energy())
         return np.linalg.norm(bed.position - before, axis=1)
 
+    def left(way: np.ndarray) -> int:
+        """Windows left to the bed: more while some of its bodies are not even asleep."""
+        return (windows if asleep(way).all() else PATIENCE * windows) - done
+
     done, way, quiet = 0, np.full(len(bed), np.inf), False
     while True:
-        left = (windows if asleep(way).all() else PATIENCE * windows) - done
-        judged = quiet or left <= 1
+        judged = quiet or left(way) <= 1
         velocity = bed.velocity.copy()
         way = window(0.0 if judged else DAMPING)
         done += 1
         if progress:
             progress(f"coming to rest, step {done * WINDOW}: mean drift {way.mean():.2g} radii")
         still = bool(asleep(way).all())
-        if judged and (left <= 1 or (still and way.mean() < rest)):
+        if judged and (left(way) <= 0 or (still and way.mean() < rest)):
             break
         quiet = still and not judged and way.mean() < rest / 2
     gained = np.linalg.norm(bed.velocity - velocity, axis=1) / (WINDOW * fine.dt)
