@@ -1,0 +1,267 @@
+"""Stokes flow on a staggered grid of voxels: velocities on the faces between cells, pressures in the cells.
+
+Lengths are voxels, viscosity and pressure drop are 1. Axis 0 is the axis of flow.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
+
+ENDS = ("pressure", "periodic")
+SIDES = ("sealed", "slip", "periodic")
+
+NEAREST_WALL = 1e-2
+"""Least distance from a velocity to the wall, in voxels, that its friction is reckoned with."""
+
+
+@dataclass(frozen=True)
+class Staggered:
+    """Matrices of a pore space of ``m`` cells and ``n`` open faces, all that does not conduct left out.
+
+    Velocities v (n,) and pressures p (m,) of Stokes flow satisfy ``friction v = drive + gradient p`` and
+    ``gradient.T v = 0``; the flow rate through the volume is ``drive . v``.
+
+    Attributes
+    ----------
+    friction : (n, n) csr_array
+        Minus the Laplacian of each component of the velocity: v . friction v is the viscous dissipation.
+    gradient : (n, m) csr_array
+        Pressure in the cell before a face less that behind it; its transpose is the divergence.
+    volume : (n,) float
+        Of the cell about each face: 1, and 1/2 at the two ends.
+    drive : (n,) float
+        Force of the pressure drop imposed.
+    face, cell : (n, 4) and (m, 3) int
+        Component and place of each face; place of each cell. Face i lies before cell i.
+    shape : tuple of int
+        Cells of the whole volume.
+    periodic : tuple of bool
+        Axes along which the volume repeats itself.
+    """
+
+    friction: csr_array
+    gradient: csr_array
+    volume: np.ndarray
+    drive: np.ndarray
+    face: np.ndarray
+    cell: np.ndarray
+    shape: tuple[int, int, int]
+    periodic: tuple[bool, bool, bool]
+
+
+def assemble(
+    pore: np.ndarray,
+    ends: str = "pressure",
+    sides: str = "sealed",
+    *,
+    friction: bool = True,
+    corner=2.0,
+    inflow=True,
+) -> Staggered | None:
+    """Matrices of a pore space; None where no path of open faces leads along axis 0.
+
+    Parameters
+    ----------
+    pore : (n0, n1, n2) array of bool or float
+        True in the pore space, whose walls then are the faces of the voxels; or the distance to the wall in
+        voxels at the cells' centres, positive in the pore space.
+    ends : {"pressure", "periodic"}
+        ``pressure``: 1 and 0 on the planes before and behind axis 0, the flow through them normal to them.
+        ``periodic``: a uniform force 1 / n0, the volume repeats itself.
+    sides : {"sealed", "slip", "periodic"}
+        Of axes 1 and 2: walls, planes of symmetry, or the volume repeats itself.
+    """
+    pore = np.asarray(pore)
+    smooth = pore.dtype != bool
+    periodic = (ends == "periodic", sides == "periodic", sides == "periodic")
+    opened, near = [], []
+    for c in range(3):
+        before, behind = _sides_of_faces(pore, c, periodic[c], closed=c > 0)
+        if smooth:
+            distance = (before + behind) / 2
+            near.append(distance)
+            opened.append(distance > 0)
+        else:
+            near.append(before | behind)
+            opened.append(before & behind)
+    number = np.full(pore.shape, -1, np.int32)
+    for c in range(3):  # a cell is any that an open face leads to
+        for shift in (0, 1):
+            number[_cells_of_faces(opened[c], c, periodic[c], shift)] = 0
+    number[number == 0] = np.arange(np.count_nonzero(number == 0), dtype=np.int32)
+
+    face = np.concatenate([np.insert(np.argwhere(o), 0, c, axis=1) for c, o in enumerate(opened)])
+    face = face.astype(np.int32)
+    ahead, back = _cell_numbers(face, number, periodic)
+    keep_cell = _conducting(face, ahead, back, int(number.max()) + 1, periodic[0], pore.shape[0])
+    if not keep_cell.any():
+        return None
+    keep_face = keep_cell[np.where(ahead >= 0, ahead, back)]
+    face, ahead, back = face[keep_face], ahead[keep_face], back[keep_face]
+    renumber = np.where(keep_cell, np.cumsum(keep_cell) - 1, -1).astype(np.int32)
+    cell = np.argwhere(number >= 0)[keep_cell].astype(np.int32)
+    ahead, back = (np.where(side >= 0, renumber[side], -1) for side in (ahead, back))
+
+    n = len(face)
+    pairs = np.stack([back, ahead], axis=1)
+    inside = pairs >= 0
+    gradient = csr_array(
+        (np.tile([1.0, -1.0], (n, 1))[inside], pairs[inside], np.append(0, np.cumsum(inside.sum(axis=1)))),
+        shape=(n, len(cell)),
+    )
+    volume, drive = np.ones(n), np.zeros(n)
+    if periodic[0]:
+        drive[face[:, 0] == 0] = 1 / pore.shape[0]
+    else:
+        volume[~inside.all(axis=1)] = 0.5
+        drive[back < 0] = 1.0
+    matrix = (
+        _friction(face, opened, near, volume, periodic, sides, smooth, corner, inflow) if friction else None
+    )
+    return Staggered(matrix, gradient, volume, drive, face, cell, pore.shape, periodic)
+
+
+def _sides_of_faces(
+    pore: np.ndarray, axis: int, periodic: bool, closed: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Values before and behind every face across ``axis``; those beyond the volume's ends close or copy."""
+    if periodic:
+        return np.roll(pore, 1, axis), pore
+    first, last = pore.take([0], axis), pore.take([-1], axis)
+    if closed:  # halfway between d and -d lies the wall
+        first, last = (~first & False, ~last & False) if pore.dtype == bool else (-first, -last)
+    return np.concatenate([first, pore], axis), np.concatenate([pore, last], axis)
+
+
+def _cells_of_faces(opened: np.ndarray, axis: int, periodic: bool, shift: int) -> np.ndarray:
+    """Mask of the cells behind (shift 0) or before (1) an open face."""
+    if periodic:
+        return np.roll(opened, -shift, axis)
+    cut = [slice(None)] * 3
+    cut[axis] = slice(shift, opened.shape[axis] - 1 + shift)
+    return opened[tuple(cut)]
+
+
+def _cell_numbers(face: np.ndarray, number: np.ndarray, periodic: tuple) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers of the cells behind and before each face, -1 beyond the ends."""
+    behind = np.empty(len(face), np.int32)
+    before = np.empty(len(face), np.int32)
+    for c in range(3):
+        mine = face[:, 0] == c
+        place = face[mine, 1:].copy()
+        n = number.shape[c]
+        at_end, at_start = place[:, c] == n, place[:, c] == 0
+        place[:, c] %= n
+        behind[mine] = np.where(at_end, -1, number[tuple(place.T)])
+        place = face[mine, 1:].copy()
+        place[:, c] = (place[:, c] - 1) % n
+        before[mine] = np.where(at_start & (not periodic[c]), -1, number[tuple(place.T)])
+    return behind, before
+
+
+def _conducting(
+    face: np.ndarray, ahead: np.ndarray, back: np.ndarray, m: int, periodic: bool, length: int
+) -> np.ndarray:
+    """Cells (m,) bool of the clusters that lead through the volume along axis 0."""
+    link = (ahead >= 0) & (back >= 0)
+    i, j = back[link], ahead[link]
+    graph = csr_array((np.ones(len(i), np.int8), (i, j)), shape=(m, m))
+    _, cluster = connected_components(graph, directed=False)
+    if not periodic:
+        through = np.intersect1d(cluster[ahead[back < 0]], cluster[back[ahead < 0]])
+        return np.isin(cluster, through)
+    # In a repeating volume a cluster leads through if some closed path in it comes back displaced.
+    step = np.where((face[link, 0] == 0) & (face[link, 1] == 0), 1, 0)
+    return _winding(i, j, step, m)
+
+
+@numba.njit(cache=True)
+def _root(parent, offset, i):
+    """Root of a cell's tree; the path is shortened to it, so the cell's ``offset`` counts from the root."""
+    root, total = i, 0
+    while parent[root] != root:
+        total += offset[root]
+        root = parent[root]
+    while i != root:
+        following, rest = parent[i], total - offset[i]
+        parent[i], offset[i] = root, total
+        i, total = following, rest
+    return root
+
+
+@numba.njit(cache=True)
+def _winding(i, j, step, m):
+    """Cells of clusters with a closed path of links i -> j whose steps do not add up to 0."""
+    parent = np.arange(m)
+    offset = np.zeros(m, np.int64)
+    winds = np.zeros(m, np.bool_)
+    for k in range(len(i)):
+        a, b = _root(parent, offset, i[k]), _root(parent, offset, j[k])
+        mismatch = offset[i[k]] + step[k] - offset[j[k]]
+        if a == b:
+            winds[a] |= mismatch != 0
+        else:
+            parent[b], offset[b] = a, mismatch
+            winds[a] |= winds[b]
+    found = np.zeros(m, np.bool_)
+    for cell in range(m):
+        found[cell] = winds[_root(parent, offset, cell)]
+    return found
+
+
+def _friction(face, opened, near, volume, periodic, sides, smooth, corner, inflow) -> csr_array:
+    """Minus the Laplacian of the velocity at each face, walls at rest.
+
+    A wall half a voxel off doubles the difference quotient; a wall at the distance that the distance field
+    says divides it by that distance.
+    """
+    n = len(face)
+    columns = np.full((n, 7), -1, np.int32)
+    values = np.zeros((n, 7))
+    columns[:, 0] = np.arange(n)
+    ids = []
+    for c in range(3):
+        mine = np.flatnonzero(face[:, 0] == c).astype(np.int32)
+        number = np.full(opened[c].shape, -1, np.int32)
+        number[tuple(face[mine, 1:].T)] = mine
+        ids.append(mine)
+        here = near[c][tuple(face[mine, 1:].T)]
+        for d in range(3):
+            weight = volume[mine] if d != c else np.ones(len(mine))
+            for s, slot in ((-1, 1 + 2 * d), (1, 2 + 2 * d)):
+                place = face[mine, 1:].copy()
+                place[:, d] += s
+                size = number.shape[d]
+                outside = (place[:, d] < 0) | (place[:, d] >= size)
+                place[:, d] %= size
+                if periodic[d]:
+                    outside[:] = False
+                place = tuple(place.T)
+                other = np.where(outside, -1, number[place])
+                if smooth:
+                    there = near[c][place]
+                    wall = 1 / np.maximum(here / np.maximum(here - there, 1e-30), NEAREST_WALL)
+                elif d == c:
+                    wall = 1.0
+                else:
+                    wall = np.where(near[c][place], corner, 2.0)
+                if d == c:
+                    beyond = 0.0
+                elif d == 0:
+                    beyond = 2.0 if inflow else 0.0
+                else:
+                    beyond = 2.0 if sides == "sealed" else 0.0
+                linked = other >= 0
+                strength = weight * np.where(linked, 1.0, np.where(outside, beyond, wall))
+                values[mine, 0] += strength
+                columns[mine, slot] = other
+                values[mine, slot] = np.where(linked, -strength, 0.0)
+    there = columns >= 0
+    return csr_array(
+        (values[there], columns[there], np.append(0, np.cumsum(there.sum(axis=1)))), shape=(n, n)
+    )
