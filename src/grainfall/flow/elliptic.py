@@ -5,8 +5,8 @@ there under a uniform unit force, -lap w = 1 with w = 0 on the walls, exact in s
 The pressure follows from div(w grad p) = 0. Read as Darcy's law this model takes converging and turning flow
 to cost no more than straight flow, and its rate Q is too high. Yet v = -w grad p conserves mass and vanishes
 on the walls, so it is a motion that Stokes flow could take, and among those of equal rate Stokes flow
-dissipates least (Helmholtz): with D[v] the power that v does dissipate, Q^2 / D[v] bounds the conductance from
-below, straining included, nothing fitted.
+dissipates least (Helmholtz): with D[v] the power that v does dissipate, Q^2 / D[v] bounds the conductance
+from below, straining included, nothing fitted.
 """
 
 from __future__ import annotations

@@ -55,13 +55,7 @@ class Staggered:
 
 
 def assemble(
-    pore: np.ndarray,
-    ends: str = "pressure",
-    sides: str = "sealed",
-    *,
-    friction: bool = True,
-    corner=2.0,
-    inflow=True,
+    pore: np.ndarray, ends: str = "pressure", sides: str = "sealed", *, friction: bool = True
 ) -> Staggered | None:
     """Matrices of a pore space; None where no path of open faces leads along axis 0.
 
@@ -77,18 +71,15 @@ def assemble(
         Of axes 1 and 2: walls, planes of symmetry, or the volume repeats itself.
     """
     pore = np.asarray(pore)
-    smooth = pore.dtype != bool
     periodic = (ends == "periodic", sides == "periodic", sides == "periodic")
-    opened, near = [], []
+    opened, distance = [], []
     for c in range(3):
         before, behind = _sides_of_faces(pore, c, periodic[c], closed=c > 0)
-        if smooth:
-            distance = (before + behind) / 2
-            near.append(distance)
-            opened.append(distance > 0)
-        else:
-            near.append(before | behind)
+        if pore.dtype == bool:
             opened.append(before & behind)
+        else:
+            distance.append((before + behind) / 2)
+            opened.append(distance[c] > 0)
     number = np.full(pore.shape, -1, np.int32)
     for c in range(3):  # a cell is any that an open face leads to
         for shift in (0, 1):
@@ -98,6 +89,8 @@ def assemble(
     face = np.concatenate([np.insert(np.argwhere(o), 0, c, axis=1) for c, o in enumerate(opened)])
     face = face.astype(np.int32)
     ahead, back = _cell_numbers(face, number, periodic)
+    if not len(face):
+        return None
     keep_cell = _conducting(face, ahead, back, int(number.max()) + 1, periodic[0], pore.shape[0])
     if not keep_cell.any():
         return None
@@ -120,9 +113,9 @@ def assemble(
     else:
         volume[~inside.all(axis=1)] = 0.5
         drive[back < 0] = 1.0
-    matrix = (
-        _friction(face, opened, near, volume, periodic, sides, smooth, corner, inflow) if friction else None
-    )
+    beyond = {"pressure": 2.0, "sealed": 2.0, "slip": 0.0, "periodic": 0.0}
+    walls = beyond[ends], beyond[sides], beyond[sides]
+    matrix = _friction(face, opened, distance, volume, periodic, walls) if friction else None
     return Staggered(matrix, gradient, volume, drive, face, cell, pore.shape, periodic)
 
 
@@ -214,54 +207,49 @@ def _winding(i, j, step, m):
     return found
 
 
-def _friction(face, opened, near, volume, periodic, sides, smooth, corner, inflow) -> csr_array:
-    """Minus the Laplacian of the velocity at each face, walls at rest.
+def _friction(
+    face: np.ndarray,
+    opened: list[np.ndarray],
+    distance: list[np.ndarray],
+    volume: np.ndarray,
+    periodic: tuple[bool, bool, bool],
+    walls: tuple[float, float, float],
+) -> csr_array:
+    """Minus the Laplacian of the velocity at each face, the solid at rest.
 
-    A wall half a voxel off doubles the difference quotient; a wall at the distance that the distance field
-    says divides it by that distance.
+    Face by face the velocity next to it along each axis is another unknown, or 0 on the wall between. Along
+    the face's own axis the wall is a voxel off, across it half a voxel, also where only one of the two voxels
+    there is solid: the edge of that one is at rest. A distance field says where between the two faces it is.
+    ``walls``: the same, one over the distance, for the volume's own sides.
     """
     n = len(face)
     columns = np.full((n, 7), -1, np.int32)
     values = np.zeros((n, 7))
     columns[:, 0] = np.arange(n)
-    ids = []
     for c in range(3):
-        mine = np.flatnonzero(face[:, 0] == c).astype(np.int32)
+        mine = np.flatnonzero(face[:, 0] == c)
+        place = face[mine, 1:].T
         number = np.full(opened[c].shape, -1, np.int32)
-        number[tuple(face[mine, 1:].T)] = mine
-        ids.append(mine)
-        here = near[c][tuple(face[mine, 1:].T)]
+        number[tuple(place)] = mine
         for d in range(3):
-            weight = volume[mine] if d != c else np.ones(len(mine))
-            for s, slot in ((-1, 1 + 2 * d), (1, 2 + 2 * d)):
-                place = face[mine, 1:].copy()
-                place[:, d] += s
+            area = 1.0 if d == c else volume[mine]  # at the two ends half of it lies outside
+            for slot, step in ((2 * d + 1, -1), (2 * d + 2, 1)):
+                beside = place[d] + step
                 size = number.shape[d]
-                outside = (place[:, d] < 0) | (place[:, d] >= size)
-                place[:, d] %= size
-                if periodic[d]:
-                    outside[:] = False
-                place = tuple(place.T)
-                other = np.where(outside, -1, number[place])
-                if smooth:
-                    there = near[c][place]
-                    wall = 1 / np.maximum(here / np.maximum(here - there, 1e-30), NEAREST_WALL)
-                elif d == c:
-                    wall = 1.0
+                outside = np.zeros(len(mine), bool) if periodic[d] else (beside < 0) | (beside >= size)
+                there = (*place[:d], beside % size, *place[d + 1 :])
+                other = np.where(outside, -1, number[there])
+                if distance:
+                    here = distance[c][tuple(place)]
+                    share = here / np.maximum(here - distance[c][there], here)
+                    wall = 1 / np.maximum(share, NEAREST_WALL)
                 else:
-                    wall = np.where(near[c][place], corner, 2.0)
-                if d == c:
-                    beyond = 0.0
-                elif d == 0:
-                    beyond = 2.0 if inflow else 0.0
-                else:
-                    beyond = 2.0 if sides == "sealed" else 0.0
-                linked = other >= 0
-                strength = weight * np.where(linked, 1.0, np.where(outside, beyond, wall))
+                    wall = 1.0 if d == c else 2.0
+                rest = np.where(outside, 0.0 if d == c else walls[d], wall)
+                strength = area * np.where(other >= 0, 1.0, rest)
                 values[mine, 0] += strength
+                values[mine, slot] = -strength
                 columns[mine, slot] = other
-                values[mine, slot] = np.where(linked, -strength, 0.0)
-    there = columns >= 0
-    return csr_array(
-        (values[there], columns[there], np.append(0, np.cumsum(there.sum(axis=1)))), shape=(n, n)
-    )
+    linked = columns >= 0
+    starts = np.append(0, np.cumsum(linked.sum(axis=1)))
+    return csr_array((values[linked], columns[linked], starts), shape=(n, n))
