@@ -59,7 +59,7 @@ class Darcy:
 
     def __init__(self, grid: Staggered, mobility: np.ndarray):
         self.grid, self.mobility = grid, mobility
-        self.divergence = csr_array(grid.gradient.T)
+        self.divergence = grid.gradient.T
         self.matrix = csr_array(self.divergence @ (diags_array(mobility) @ grid.gradient))
         self.cycle = Multigrid(self.matrix, grid.cell)
 

@@ -42,7 +42,7 @@ class Multigrid:
     """
 
     def __init__(self, matrix: csr_array, coords: np.ndarray):
-        self.levels: list[tuple[csr_array, np.ndarray, csr_array | None, csr_array | None]] = []
+        self.levels: list[tuple[csr_array, np.ndarray, csr_array | None]] = []
         while True:
             matrix.sort_indices()
             diagonal = matrix.diagonal()
@@ -59,23 +59,22 @@ class Multigrid:
             )
             smooth = tentative - diags_array(DAMPING / diagonal) @ (matrix @ tentative)
             smooth = csr_array(smooth)
-            restrict = csr_array(smooth.T)
-            self.levels.append((matrix, diagonal, smooth, restrict))
+            self.levels.append((matrix, diagonal, smooth))
             first = np.zeros(n, np.int64)
             first[aggregate[::-1]] = np.arange(len(block))[::-1]
-            matrix, coords = csr_array(restrict @ (matrix @ smooth)), coords[first]
-        self.levels.append((matrix, diagonal, None, None))
+            matrix, coords = csr_array(smooth.T @ (matrix @ smooth)), coords[first]
+        self.levels.append((matrix, diagonal, None))
 
     def __call__(self, rhs: np.ndarray, level: int = 0) -> np.ndarray:
         """Approximate solution (n,) for a right-hand side (n,)."""
-        matrix, diagonal, smooth, restrict = self.levels[level]
+        matrix, diagonal, smooth = self.levels[level]
         x = np.zeros_like(rhs)
         csr = matrix.indptr, matrix.indices, matrix.data, diagonal
         sweeps = SWEEPS if smooth is None else 1
         for _ in range(sweeps):
             _sweep(*csr, rhs, x, False)
         if smooth is not None:
-            x += smooth @ self(restrict @ (rhs - matrix @ x), level + 1)
+            x += smooth @ self(smooth.T @ (rhs - matrix @ x), level + 1)
         for _ in range(sweeps):
             _sweep(*csr, rhs, x, True)
         return x

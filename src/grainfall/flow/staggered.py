@@ -103,10 +103,7 @@ def assemble(
     n = len(face)
     pairs = np.stack([back, ahead], axis=1)
     inside = pairs >= 0
-    gradient = csr_array(
-        (np.tile([1.0, -1.0], (n, 1))[inside], pairs[inside], np.append(0, np.cumsum(inside.sum(axis=1)))),
-        shape=(n, len(cell)),
-    )
+    gradient = _rows(np.tile([1.0, -1.0], (n, 1)), pairs, len(cell))
     volume, drive = np.ones(n), np.zeros(n)
     if periodic[0]:
         drive[face[:, 0] == 0] = 1 / pore.shape[0]
@@ -250,6 +247,14 @@ def _friction(
                 values[mine, 0] += strength
                 values[mine, slot] = -strength
                 columns[mine, slot] = other
-    linked = columns >= 0
-    starts = np.append(0, np.cumsum(linked.sum(axis=1)))
-    return csr_array((values[linked], columns[linked], starts), shape=(n, n))
+    return _rows(values, columns, n)
+
+
+def _rows(values: np.ndarray, columns: np.ndarray, width: int) -> csr_array:
+    """Matrix of a few entries a row; those of column -1 are none."""
+    there = columns >= 0
+    starts = np.zeros(len(columns) + 1, np.int64)
+    np.cumsum(there.sum(axis=1), out=starts[1:])
+    if starts[-1] < np.iinfo(np.int32).max:  # short indices are a third of the memory
+        starts, columns = starts.astype(np.int32), columns.astype(np.int32)
+    return csr_array((values[there], columns[there], starts), shape=(len(columns), width))
