@@ -219,6 +219,7 @@ def test_one_table_for_all_methods():
         (np.ones((4, 4, 4), bool), {"axis": "w"}, "axis"),
         (np.ones((4, 4, 4), bool), {"sides": "open"}, "sides"),
         (np.ones((4, 4, 4), bool), {"ends": "open"}, "ends"),
+        (np.ones((4, 4, 4), bool), REPEATED, "walls"),
     ],
 )
 def test_mistakes_are_named(solve, pore, given, named):

@@ -26,6 +26,9 @@ AXES = ("x", "y", "z")
 EXACT = 1e-8
 """Residual at which a scalar solution counts as exact; errors of energies are its square."""
 
+CLOSE = 1e-5
+"""Residual that does for the mobility: any would give a bound."""
+
 
 @dataclass(frozen=True)
 class Flow:
@@ -80,7 +83,7 @@ class Friction:
     def __init__(self, grid: Staggered):
         self.matrix = grid.friction
         self.cycle = Multigrid(grid.friction, grid.face)
-        self.mobility = self.velocity(grid.volume) / grid.volume
+        self.mobility = self.velocity(grid.volume, CLOSE) / grid.volume
 
     def velocity(
         self, force: np.ndarray, tolerance: float = EXACT, start: np.ndarray | None = None
@@ -111,7 +114,7 @@ def solve(pore: np.ndarray, axis: str = "x", *, ends: str = "pressure", sides: s
     Raises
     ------
     InputError
-        For an image that is not a volume, or an unknown axis or condition.
+        For an image that is not a volume, an unknown axis or condition, or flow that no wall holds back.
     """
     grid = staggered(pore, axis, ends, sides)
     if grid is None:
@@ -146,7 +149,12 @@ def staggered(
         if value not in known:
             raise InputError(f"flow {name}", f"unknown {value!r}", f"choose one of {', '.join(known)}")
     turned = np.ascontiguousarray(np.moveaxis(pore, image_axis(axis), 0))
-    return assemble(turned, ends, sides, friction=friction)
+    grid = assemble(turned, ends, sides, friction=friction)
+    if grid is not None and friction and not grid.held():
+        raise InputError(
+            "pore", "an open path without walls, along which nothing holds the flow back", "seal the sides"
+        )
+    return grid
 
 
 def image_axis(axis: str) -> int:

@@ -46,6 +46,7 @@ class Multigrid:
         while True:
             matrix.sort_indices()
             diagonal = matrix.diagonal()
+            diagonal[diagonal == 0] = 1.0  # a cell that meets itself only: nothing to solve for
             coords = coords // BLOCK
             if len(diagonal) <= COARSEST:
                 break

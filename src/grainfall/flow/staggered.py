@@ -53,6 +53,12 @@ class Staggered:
     shape: tuple[int, int, int]
     periodic: tuple[bool, bool, bool]
 
+    def held(self) -> bool:
+        """Whether some wall slows every velocity, be it through others."""
+        parts, part = connected_components(self.friction, directed=False)
+        walls = self.friction @ np.ones(len(self.face))
+        return bool((np.bincount(part, walls, parts) > 1e-9).all())
+
 
 def assemble(
     pore: np.ndarray, ends: str = "pressure", sides: str = "sealed", *, friction: bool = True
