@@ -70,11 +70,12 @@ class TestStraightChannels:
         assert solve(pore, "x").k == pytest.approx(duct_rate(6) / 36, rel=1e-6)
 
     def test_round_tube_by_its_distance_field(self, solve):
-        radius, n = 7.3, 18
-        at = np.arange(n) - (n - 1) / 2
-        distance = radius - np.hypot(at[:, None], at)
-        k = solve(np.repeat(distance[:, :, None], 6, axis=2), "x").k
-        assert k == pytest.approx(np.pi * radius**4 / 8 / n**2, rel=0.01)
+        for radius in (5.1, 10.2):
+            n = 2 * int(radius) + 4
+            at = np.arange(n) - (n - 1) / 2 + 0.3
+            distance = radius - np.hypot(at[:, None], at)
+            k = solve(np.repeat(distance[:, :, None], 3, axis=2), "x").k
+            assert k == pytest.approx(np.pi * radius**4 / 8 / n**2, rel=1.1 / radius**2)
 
 
 @pytest.mark.parametrize("c", ZICK_HOMSY)
@@ -84,7 +85,7 @@ def test_simple_cubic_spheres(c):
     for n in (12, 24):
         distance, exact = sphere_array(c, n)
         errors.append(direct.solve(distance, "x", **REPEATED).k / exact - 1)
-    assert abs(errors[1]) < 0.04
+    assert abs(errors[1]) < 0.01
     assert abs(errors[1]) < abs(errors[0]) / 2
 
 

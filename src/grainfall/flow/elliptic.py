@@ -185,7 +185,7 @@ def unfold(
     lower: float,
     upper: float,
     pressure: np.ndarray,
-    flux: np.ndarray,
+    velocity: np.ndarray,
     iterations: int,
 ) -> Flow:
     """A solution on the grid as arrays of the image."""
@@ -196,7 +196,7 @@ def unfold(
     for c in range(3):
         mine = grid.face[:, 0] == c
         values = np.zeros(np.add(grid.shape, np.eye(3, dtype=int)[c]))
-        values[tuple(grid.face[mine, 1:].T)] = flux[mine]
+        values[tuple(grid.face[mine, 1:].T)] = (grid.area * velocity)[mine]
         if grid.periodic[c]:
             values[(slice(None),) * c + (-1,)] = values.take(0, c)
         components.append(np.moveaxis(values, 0, back))

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, diags_array
 from scipy.sparse.csgraph import connected_components
 
 ENDS = ("pressure", "periodic")
@@ -28,12 +28,13 @@ class Staggered:
 
     Attributes
     ----------
-    friction : (n, n) csr_array
+    friction : (n, n) csr_array, or None where not asked for
         Minus the Laplacian of each component of the velocity: v . friction v is the viscous dissipation.
     gradient : (n, m) csr_array
-        Pressure in the cell before a face less that behind it; its transpose is the divergence.
-    volume : (n,) float
-        Of the cell about each face: 1, and 1/2 at the two ends.
+        Force of the pressures before and behind each face; its transpose is the divergence.
+    area, volume : (n,) float
+        Of the cell about each face: 1 but for what a distance field cuts off; the volume is half the area at
+        the two ends. ``gradient`` and ``drive`` hold the area, so the flow rate through a face is area x v.
     drive : (n,) float
         Force of the pressure drop imposed.
     face, cell : (n, 4) and (m, 3) int
@@ -44,8 +45,9 @@ class Staggered:
         Axes along which the volume repeats itself.
     """
 
-    friction: csr_array
+    friction: csr_array | None
     gradient: csr_array
+    area: np.ndarray
     volume: np.ndarray
     drive: np.ndarray
     face: np.ndarray
@@ -110,16 +112,20 @@ def assemble(
     pairs = np.stack([back, ahead], axis=1)
     inside = pairs >= 0
     gradient = _rows(np.tile([1.0, -1.0], (n, 1)), pairs, len(cell))
-    volume, drive = np.ones(n), np.zeros(n)
+    length, drive = np.ones(n), np.zeros(n)
     if periodic[0]:
         drive[face[:, 0] == 0] = 1 / pore.shape[0]
     else:
-        volume[~inside.all(axis=1)] = 0.5
+        length[~inside.all(axis=1)] = 0.5
         drive[back < 0] = 1.0
+    if not friction:
+        return Staggered(None, gradient, np.ones(n), length, drive, face, cell, pore.shape, periodic)
     beyond = {"pressure": 2.0, "sealed": 2.0, "slip": 0.0, "periodic": 0.0}
     walls = beyond[ends], beyond[sides], beyond[sides]
-    matrix = _friction(face, opened, distance, volume, periodic, walls) if friction else None
-    return Staggered(matrix, gradient, volume, drive, face, cell, pore.shape, periodic)
+    matrix, area = _friction(face, opened, distance, length, periodic, walls)
+    if distance:
+        gradient, drive = csr_array(diags_array(area) @ gradient), area * drive
+    return Staggered(matrix, gradient, area, area * length, drive, face, cell, pore.shape, periodic)
 
 
 def _sides_of_faces(
@@ -214,20 +220,22 @@ def _friction(
     face: np.ndarray,
     opened: list[np.ndarray],
     distance: list[np.ndarray],
-    volume: np.ndarray,
+    length: np.ndarray,
     periodic: tuple[bool, bool, bool],
     walls: tuple[float, float, float],
-) -> csr_array:
-    """Minus the Laplacian of the velocity at each face, the solid at rest.
+) -> tuple[csr_array, np.ndarray]:
+    """Minus the Laplacian of the velocity at each face, the solid at rest, and the faces' areas.
 
     Face by face the velocity next to it along each axis is another unknown, or 0 on the wall between. Along
     the face's own axis the wall is a voxel off, across it half a voxel, also where only one of the two voxels
-    there is solid: the edge of that one is at rest. A distance field says where between the two faces it is.
+    there is solid: the edge of that one is at rest. A distance field says where between the two faces it is,
+    and the face reaches as far towards it as half the way to a neighbour.
     ``walls``: the same, one over the distance, for the volume's own sides.
     """
     n = len(face)
     columns = np.full((n, 7), -1, np.int32)
     values = np.zeros((n, 7))
+    area = np.ones(n)
     columns[:, 0] = np.arange(n)
     for c in range(3):
         mine = np.flatnonzero(face[:, 0] == c)
@@ -235,7 +243,8 @@ def _friction(
         number = np.full(opened[c].shape, -1, np.int32)
         number[tuple(place)] = mine
         for d in range(3):
-            area = 1.0 if d == c else volume[mine]  # at the two ends half of it lies outside
+            weight = 1.0 if d == c else length[mine]  # at the two ends half of it lies outside
+            width = np.zeros(len(mine))
             for slot, step in ((2 * d + 1, -1), (2 * d + 2, 1)):
                 beside = place[d] + step
                 size = number.shape[d]
@@ -245,15 +254,19 @@ def _friction(
                 if distance:
                     here = distance[c][tuple(place)]
                     share = here / np.maximum(here - distance[c][there], here)
-                    wall = 1 / np.maximum(share, NEAREST_WALL)
+                    share = np.maximum(share, NEAREST_WALL)
+                    width += np.where((other >= 0) | outside, 0.5, share / 2)
+                    wall = 1 / share
                 else:
                     wall = 1.0 if d == c else 2.0
                 rest = np.where(outside, 0.0 if d == c else walls[d], wall)
-                strength = area * np.where(other >= 0, 1.0, rest)
+                strength = weight * np.where(other >= 0, 1.0, rest)
                 values[mine, 0] += strength
                 values[mine, slot] = -strength
                 columns[mine, slot] = other
-    return _rows(values, columns, n)
+            if distance and d != c:
+                area[mine] *= width
+    return _rows(values, columns, n), area
 
 
 def _rows(values: np.ndarray, columns: np.ndarray, width: int) -> csr_array:
