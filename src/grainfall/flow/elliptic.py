@@ -27,7 +27,7 @@ EXACT = 1e-8
 """Residual at which a scalar solution counts as exact; errors of energies are its square."""
 
 CLOSE = 1e-5
-"""Residual that does for the mobility: any would give a bound."""
+"""Residual that does for the mobility: of any the bound would be one."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Flow:
 
 
 class Darcy:
-    """Conduction through the faces: flux = mobility x (force + pressure difference), without divergence."""
+    """Conduction through the faces: velocity = mobility x force, without divergence."""
 
     def __init__(self, grid: Staggered, mobility: np.ndarray):
         self.grid, self.mobility = grid, mobility
@@ -67,11 +67,11 @@ class Darcy:
         self.cycle = Multigrid(self.matrix, grid.cell)
 
     def pressure(self, source: np.ndarray, tolerance: float = EXACT) -> np.ndarray:
-        """Pressure (m,) whose fluxes carry off a source (m,)."""
+        """Pressure (m,) whose velocities carry off a source (m,)."""
         return solve_symmetric(self.matrix, source, self.cycle, tolerance)
 
     def driven(self) -> tuple[np.ndarray, np.ndarray]:
-        """Pressure (m,) and flux (n,) under the grid's drive."""
+        """Pressure (m,) and velocity (n,) under the grid's drive."""
         grid = self.grid
         pressure = self.pressure(-(self.divergence @ (self.mobility * grid.drive)))
         return pressure, self.mobility * (grid.drive + grid.gradient @ pressure)
@@ -109,7 +109,7 @@ def solve(pore: np.ndarray, axis: str = "x", *, ends: str = "pressure", sides: s
     Returns
     -------
     Flow
-        ``k`` is the lower bound. The flux conserves mass in every cell; it is that of the model.
+        ``k`` is the lower bound. The pressure is the model's, so is the flux but for a factor: it carries k.
 
     Raises
     ------
@@ -120,9 +120,9 @@ def solve(pore: np.ndarray, axis: str = "x", *, ends: str = "pressure", sides: s
     if grid is None:
         return closed(np.shape(pore))
     friction = Friction(grid)
-    pressure, flux = Darcy(grid, friction.mobility).driven()
-    k = lower_bound(grid, friction, flux)
-    return unfold(grid, axis, k, k, np.inf, pressure, flux, 0)
+    pressure, velocity = Darcy(grid, friction.mobility).driven()
+    k, velocity = sustained(grid, friction, velocity)
+    return unfold(grid, axis, k, k, np.inf, pressure, velocity, 0)
 
 
 def formation_factor(
@@ -167,9 +167,14 @@ def length_per_area(shape: tuple[int, int, int]) -> float:
     return shape[0] / (shape[1] * shape[2])
 
 
-def lower_bound(grid: Staggered, friction: Friction, flux: np.ndarray) -> float:
-    """Permeability at which the power of the pressure drop is what a flux that conserves mass dissipates."""
-    return dot(grid.drive, flux) ** 2 / friction.dissipation(flux) * length_per_area(grid.shape)
+def sustained(grid: Staggered, friction: Friction, velocity: np.ndarray) -> tuple[float, np.ndarray]:
+    """Multiple of a velocity that conserves mass at which the drive pays for what it dissipates.
+
+    Its permeability, returned first, is the lower bound on that of Stokes flow.
+    """
+    power = dot(grid.drive, velocity)
+    scale = power / friction.dissipation(velocity)
+    return scale * power * length_per_area(grid.shape), scale * velocity
 
 
 def closed(shape: tuple[int, int, int]) -> Flow:
