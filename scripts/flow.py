@@ -9,7 +9,7 @@ with stage(snakemake) as progress:
     phase, attributes = io.read_volume(snakemake.input.volume, "phase")
     found = network.load(snakemake.input.pores, snakemake.input.throats)
     tables = [
-        flow.permeability(phase == 0, attributes["voxel_size_um"], method, network=found)
+        flow.permeability(phase == 0, attributes["voxel_size_um"], method, network=found, progress=progress)
         for method in snakemake.params.settings["flow"]["methods"]
     ]
     io.write_table(snakemake.output.flow, pd.concat(tables))

@@ -1,54 +1,192 @@
-"""Network permeability and formation factor of the Berea cubes against published Stokes values.
+"""Permeability and formation factor against published Stokes values and exact solutions.
 
-    python tests/benchmarks/permeability.py [--cubes 27] [--out results/benchmarks/permeability.csv]
+    python tests/benchmarks/permeability.py [--samples arrays andra berea] [--methods network elliptic direct]
+        [--cubes 0 13 26] [--out results/benchmarks/permeability.csv]
 
-Needs the reference data beside the checkout. Columns: sample, cube, axis, method, k, k_ref (mD), ff, ff_ref,
-wall_s.
+Columns: sample, cube, axis, method, k, k_ref (mD), ff, ff_ref, wall_s. Rows already in the table are not
+computed again: delete the file, or the rows, to measure anew.
+
+- ``berea``: 27 cubes of 128^3 voxels, Stokes values by others.
+- ``arrays``: simple cubic spheres (Zick & Homsy 1982) and square cylinders (Sangani & Acrivos 1982) in a
+  periodic cell of 1 mm, as voxels and as a distance field, ``_n`` voxels along the cell.
+- ``andra``: the sphere pack of Andra et al. (2013), 621 spheres of 0.35 mm, as a closed box of voxels (every
+  method) and as the periodic distance field it is; k_ref is the middle of the published range.
 """
 
 from __future__ import annotations
 
 import argparse
+import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import tifffile
+from scipy.spatial import cKDTree
 
 from grainfall import flow, io
-from grainfall.units import um2_to_millidarcy
+from grainfall.flow import direct, elliptic
+from grainfall.units import m2_to_millidarcy, um2_to_millidarcy
 
-DATA = Path(__file__).resolve().parents[2].parent / "shared/data/berea"
-VOXEL_UM = 5.345
-EDGE = 128
+DATA = Path(__file__).resolve().parents[2].parent / "shared/data"
+BEREA_VOXEL_UM = 5.345
+BEREA_EDGE = 128
+CELL_UM = 1000.0
+ANDRA_BOX = (55.185506, 55.404375, 55.540488)
+"""Period along x, y, z in tenths of a millimetre, radius 3.5."""
+ANDRA_K_M2 = (2.438e-10, 2.903e-10)
+"""Range over the solvers of Saxena et al. (2017)."""
+COLUMNS = ["sample", "cube", "axis", "method", "k", "k_ref", "ff", "ff_ref", "wall_s"]
+KEY = COLUMNS[:4]
+NAMES = {"network": "snow2"}
+"""Networks go by their extraction."""
+
+
+class Table:
+    """The rows measured so far, on disk after every one."""
+
+    def __init__(self, path: Path):
+        self.path = path
+        self.rows = (
+            pd.read_csv(path, dtype={"cube": "Int64"}) if path.exists() else pd.DataFrame(columns=COLUMNS)
+        )
+
+    def has(self, *key: object) -> bool:
+        rows = self.rows
+        return bool(
+            (
+                (rows["sample"] == key[0])
+                & (rows["axis"] == key[2])
+                & (rows["method"] == key[3])
+                & ((rows["cube"] == key[1]) if key[1] is not None else rows["cube"].isna())
+            ).any()
+        )
+
+    def add(self, row: tuple) -> None:
+        new = pd.DataFrame([row], columns=COLUMNS).astype({"cube": "Int64"})
+        self.rows = pd.concat([self.rows, new], ignore_index=True) if len(self.rows) else new
+        io.write_table(self.path, self.rows)
+        print(*row, flush=True)
+
+
+def through(
+    pore: np.ndarray, voxel_um: float, axis: str, method: str, conditions: dict[str, str]
+) -> tuple[float, float, float]:
+    """K in mD, formation factor and seconds along one axis by a method that solves on the voxels."""
+    begin = time.perf_counter()
+    k = {"elliptic": elliptic, "direct": direct}[method].solve(pore, axis, **conditions).k
+    wall_s = time.perf_counter() - begin
+    voxels = pore if pore.dtype == bool else pore > 0
+    factor = elliptic.formation_factor(voxels, axis, **conditions)
+    return um2_to_millidarcy(k * voxel_um**2), factor, wall_s
+
+
+def berea(table: Table, methods: list[str], cubes: list[int]) -> None:
+    pore = tifffile.imread(DATA / "berea/berea_400_pore1.tif") == 1
+    published = pd.read_csv(DATA / "berea/subvolume_K_FF.csv")
+    for cube in cubes:
+        row = published.iloc[cube]
+        i, j, k = (int(row[name]) for name in ("i0_axis0", "j0_axis1", "k0_axis2"))
+        part = pore[i : i + BEREA_EDGE, j : j + BEREA_EDGE, k : k + BEREA_EDGE]
+        for method in methods:
+            name = NAMES.get(method, method)
+            if all(table.has("berea", cube, axis, name) for axis in flow.AXES):
+                continue
+            for found in flow.permeability(part, BEREA_VOXEL_UM, method).itertuples():
+                axis = found.axis.upper()
+                k_ref = um2_to_millidarcy(row[f"K_{axis}_h2"] * BEREA_VOXEL_UM**2)
+                ff, ff_ref = found.formation_factor, row[f"FF_{axis}"]
+                table.add(("berea", cube, found.axis, name, found.k_md, k_ref, ff, ff_ref, found.wall_s))
+
+
+def arrays() -> Iterator[tuple[str, np.ndarray, int, float]]:
+    """Periodic cells: name, distance field, voxels along the cell, exact K over the cell's edge squared."""
+    spheres = pd.read_csv(DATA / "reference/zick_homsy_1982_SC.csv", comment="#").set_index("c")["K_drag"]
+    for c in (0.125, 0.343, 0.5236):
+        radius = (3 * c / (4 * np.pi)) ** (1 / 3)
+        for n in (16, 32, 64):
+            at = (np.arange(n) + 0.5) / n - 0.5
+            away = np.sqrt(at[:, None, None] ** 2 + at[:, None] ** 2 + at**2)
+            yield f"simple_cubic_{c}", (away - radius) * n, n, 2 * radius**2 / (9 * c * spheres[c])
+    cylinders = pd.read_csv(DATA / "reference/sangani_acrivos_1982_square_cylinders.csv", comment="#")
+    for c, force in cylinders.itertuples(index=False):
+        for n in (64, 128, 256):
+            at = (np.arange(n) + 0.5) / n - 0.5
+            away = np.sqrt(at[:, None] ** 2 + at**2)[None]
+            yield f"square_cylinders_{c}", (away - np.sqrt(c / np.pi)) * n, n, 1 / force
+
+
+def andra(n: int) -> tuple[np.ndarray, float]:
+    """Distance field in voxels of the pack with n voxels along x and as near as can be along y and z, and the
+    edge of a voxel in um; the voxels' edges along the axes differ by less than 1 % of one another."""
+    box = np.array(ANDRA_BOX)
+    counts = np.round(box / box[0] * n).astype(int)
+    centres = np.loadtxt(DATA / "spherepack/andra2013_621.txt")[:, :3] % box
+    tree = cKDTree(centres, boxsize=box)
+    at = [(np.arange(m) + 0.5) / m * length for m, length in zip(counts, box, strict=True)]
+    grid = np.stack(np.meshgrid(at[2], at[1], at[0], indexing="ij"), axis=-1)[..., ::-1]
+    voxel = (box / counts).prod() ** (1 / 3)
+    distance = (tree.query(grid)[0] - 3.5) / voxel
+    return distance, voxel * 100
 
 
 def main() -> None:
-    options = argparse.ArgumentParser(description=__doc__)
-    options.add_argument("--cubes", type=int, default=27)
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    options.add_argument("--samples", nargs="+", default=["arrays", "andra", "berea"])
+    options.add_argument("--methods", nargs="+", default=["network", "elliptic", "direct"])
+    options.add_argument("--cubes", nargs="+", type=int, default=list(range(27)))
+    options.add_argument("--andra", nargs="+", type=int, default=[96, 128, 192], help="voxels along the pack")
     options.add_argument("--out", type=Path, default=Path("results/benchmarks/permeability.csv"))
     given = options.parse_args()
-    pore = tifffile.imread(DATA / "berea_400_pore1.tif") == 1
-    published = pd.read_csv(DATA / "subvolume_K_FF.csv")
-    rows = []
-    for cube, row in published.head(given.cubes).iterrows():
-        i, j, k = (int(row[name]) for name in ("i0_axis0", "j0_axis1", "k0_axis2"))
-        part = pore[i : i + EDGE, j : j + EDGE, k : k + EDGE]
-        for found in flow.permeability(part, VOXEL_UM).itertuples():
-            axis = found.axis.upper()
-            k_ref = um2_to_millidarcy(row[f"K_{axis}_h2"] * VOXEL_UM**2)
-            ours, theirs = (found.k_md, k_ref), (found.formation_factor, row[f"FF_{axis}"])
-            rows.append(("berea", cube, found.axis, "snow2", *ours, *theirs, found.wall_s))
-        print(rows[-3:], flush=True)
-    columns = ["sample", "cube", "axis", "method", "k", "k_ref", "ff", "ff_ref", "wall_s"]
-    table = pd.DataFrame(rows, columns=columns)
-    io.write_table(given.out, table)
-    for name in ("k", "ff"):
-        ratio = table[name] / table[f"{name}_ref"]
-        print(
-            f"{name}: median ratio {ratio.median():.3f}, mean absolute error {(ratio - 1).abs().mean():.3f}, "
-            f"std of log {np.log(ratio).std():.3f}"
-        )
+    table = Table(given.out)
+    voxel_methods = [m for m in given.methods if m in ("elliptic", "direct")]
+    repeated = {"ends": "periodic", "sides": "periodic"}
+    if "arrays" in given.samples:
+        for name, distance, n, exact in arrays():
+            k_ref = um2_to_millidarcy(exact * CELL_UM**2)
+            for suffix, pore in (("", distance), ("_voxels", distance > 0)):
+                for method in voxel_methods:
+                    sample = f"{name}_n{n}{suffix}"
+                    if not table.has(sample, None, "x", method):
+                        k, factor, wall_s = through(pore, CELL_UM / n, "x", method, repeated)
+                        table.add((sample, None, "x", method, k, k_ref, factor, np.nan, wall_s))
+    if "andra" in given.samples:
+        k_ref = m2_to_millidarcy(sum(ANDRA_K_M2) / 2)
+        for n in given.andra:
+            distance, voxel_um = andra(n)
+            for method in given.methods:
+                name = NAMES.get(method, method)
+                if not all(table.has(f"andra_n{n}_voxels", None, axis, name) for axis in flow.AXES):
+                    for found in flow.permeability(distance > 0, voxel_um, method).itertuples():
+                        ff = found.formation_factor
+                        sample = f"andra_n{n}_voxels"
+                        table.add(
+                            (sample, None, found.axis, name, found.k_md, k_ref, ff, np.nan, found.wall_s)
+                        )
+            for method in voxel_methods:
+                for axis in flow.AXES:
+                    if not table.has(f"andra_n{n}", None, axis, method):
+                        k, factor, wall_s = through(distance, voxel_um, axis, method, repeated)
+                        table.add((f"andra_n{n}", None, axis, method, k, k_ref, factor, np.nan, wall_s))
+    if "berea" in given.samples:
+        berea(table, given.methods, given.cubes)
+    report(table.rows)
+
+
+def report(rows: pd.DataFrame) -> None:
+    """What the table says, a line for each sample and method."""
+    group = rows["sample"].where(
+        rows["sample"] == "berea", rows["sample"].str.replace(r"_n\d+", "", regex=True)
+    )
+    for (sample, method), part in rows.groupby([group, "method"], sort=False):
+        for name in ("k", "ff"):
+            ratio = (part[name] / part[f"{name}_ref"]).dropna()
+            if len(ratio):
+                print(
+                    f"{sample} {method} {name}: {len(ratio)} values, median ratio {ratio.median():.4f}, mean "
+                    f"absolute error {(ratio - 1).abs().mean():.4f}, std of log {np.log(ratio).std():.4f}"
+                )
 
 
 if __name__ == "__main__":

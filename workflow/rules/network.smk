@@ -50,8 +50,8 @@ rule flow:
     conda:
         ENVS["analysis"]
     resources:
-        mem_mb=4000,
-        runtime=60,
+        mem_mb=8000,
+        runtime=120,
     params:
         settings=settings("flow"),
         science=science("flow"),
