@@ -44,10 +44,10 @@ def extract(
         the pore space (it conducts all the same; snow2 does not know), and the properties of
         :data:`LENGTH_POWER` (um to that power; how they are measured: :mod:`grainfall.network.geometry`):
 
-        - ``pore.inscribed_diameter``: largest sphere about the pore's centre (snow2: in the pore's own region);
+        - ``pore.inscribed_diameter``: largest sphere about the pore's centre (snow2: in its own region);
           ``pore.extended_diameter``: the same in the whole pore space; ``pore.equivalent_diameter``: sphere
-          of the region's volume (of boundary pores, whose ``pore.volume`` is 0 as they lie outside, circle of
-          the opening's area; snow2: sphere of a layer of voxels)
+          of the region's volume (of boundary pores, whose ``pore.volume`` is 0 as they lie outside, circle
+          of the opening's area; snow2: sphere of a layer of voxels)
         - ``pore.surface_area``: wall (snow2: whole surface of the region)
         - ``throat.inscribed_diameter``: largest sphere centred on the interface; ``throat.half_lengths``
           (m, 2): from the centre of each pore to the throat's; ``throat.total_length``: their sum (snow2:

@@ -8,8 +8,8 @@ All in voxels here; coordinates are (x, y, z). What is measured how:
   surface's (Flin et al. 2005), which is Sobel's gradient of the image at the face.
 - A throat's cross-section is the length of its vector area, the sum of the faces' normals: exact for a plane
   however ragged its voxels, and the area seen along the throat for a curved interface.
-- A throat's perimeter is the length of the rim where its interface meets the solid, from the rim's edges along
-  each axis (Cauchy-Crofton, in the plane across the throat), and no less than that of the circle of its area.
+- A throat's perimeter is the wall of the voxels along its interface over their depth (volume over area),
+  and no less than that of the circle of its area.
 - Shape factors are G = A / P^2 for throats and G = V L / A_s^2 for pores, with A_s the wall and L twice the
   distance from the centre to the farthest voxel (Oren & Bakke 2003), and no more than a circle's, 1 / (4 pi).
 """
@@ -36,11 +36,11 @@ def measure_pores(parts: Partition) -> dict[str, np.ndarray]:
         OpenPNM's names without ``pore.``; ``coords`` (n, 3) is the voxel of the largest sphere, where several
         hold it the one nearest to their mean.
     """
-    peak = parts.squared_distance.reshape(-1)[parts.peaks]
+    peak = parts.squared_distance.reshape(-1)[parts.peaks].astype(float)
     volume, wall, mean = _bulk(parts.labels, parts.squared_distance, peak)
     centre = _nearest_peaks(parts.labels, parts.squared_distance, peak, mean)
     reach = 2 * np.sqrt(_farthest(parts.labels, centre)) + 1
-    radius = np.sqrt(peak.astype(float))
+    radius = np.sqrt(peak)
     shape = np.full(len(peak), CIRCLE)
     np.divide(volume * reach, wall**2, out=shape, where=wall > 0)
     return {
@@ -60,10 +60,10 @@ def measure_throats(parts: Partition, found: Interfaces) -> dict[str, np.ndarray
     Returns
     -------
     dict of str to (m,) ndarray
-        OpenPNM's names without ``throat.``; ``coords`` (m, 3) is the middle of the face of the largest sphere,
-        where several hold it of the one nearest to their mean.
+        OpenPNM's names without ``throat.``; ``coords`` (m, 3) is the middle of the face of the largest
+        sphere, where several hold it of the one nearest to their mean.
     """
-    vector, count, rim, radius, place = _faces(
+    vector, volume, wall, radius, place = _faces(
         parts.labels,
         parts.squared_distance,
         found.voxels,
@@ -73,14 +73,11 @@ def measure_throats(parts: Partition, found: Interfaces) -> dict[str, np.ndarray
         found.conns,
     )
     area = np.linalg.norm(vector, axis=1)
-    # the interface around an enclosed pore has no vector area: a convex body's mean shadow, a quarter of its
-    # surface, which is 2/3 of its voxel faces
+    # the interface around an enclosed pore has no vector area: take the mean shadow of a convex body, a
+    # quarter of its surface, which is 2/3 of its faces, half as many as the voxels on both sides
     closed = area == 0
-    normal = vector / np.where(closed, 1, area)[:, None]
-    area[closed] = count[closed] / 6
-    across = np.sqrt(np.maximum(0, 1 - normal**2))
-    perimeter = np.pi / 4 * (rim * across).sum(axis=1)
-    return {"coords": place[:, ::-1]} | _sections(radius, area, perimeter)
+    area[closed] = volume[closed] / 12
+    return {"coords": place[:, ::-1]} | _sections(radius, area, wall * area / volume)
 
 
 def measure_openings(parts: Partition) -> list[dict[str, np.ndarray]]:
@@ -89,22 +86,20 @@ def measure_openings(parts: Partition) -> list[dict[str, np.ndarray]]:
     Returns
     -------
     list of dict
-        Per face of the image, as :func:`measure_throats`, one entry per connected patch of a pore on the face,
-        and ``pore`` (k,) int, from 0.
+        Per face of the image, as :func:`measure_throats`, one entry per connected patch of a pore on the
+        face, and ``pore`` (k,) int, from 0.
     """
     found = []
     for axis in (2, 1, 0):
-        for side in (0, -1):
-            pores = parts.labels.take(side, axis)
-            squared = parts.squared_distance.take(side, axis)
+        for side in (0, 1):
+            pores = parts.labels.take(-side, axis)
+            squared = parts.squared_distance.take(-side, axis)
             patches = label(pores, background=0, connectivity=1)
             n = int(patches.max())
-            pore, area, rim, peak, mean = _patches(pores, patches, squared, n)
+            pore, area, wall, peak, mean = _patches(parts.labels, axis, side, patches, squared, n)
             spot = _nearest_in_patches(patches, squared, peak, mean)
             place = np.insert(spot + 0.5, axis, 0.0 if side == 0 else parts.labels.shape[axis], axis=1)
-            found.append(
-                {"pore": pore - 1, "coords": place[:, ::-1]} | _sections(np.sqrt(peak), area, np.pi / 4 * rim)
-            )
+            found.append({"pore": pore - 1, "coords": place[:, ::-1]} | _sections(np.sqrt(peak), area, wall))
     return found
 
 
@@ -149,6 +144,26 @@ def _cosine(labels, z, y, x, axis, side):
 
 
 @njit(cache=True)
+def _wall(labels, z, y, x):
+    """Area of the wall in a pore voxel."""
+    nz, ny, nx = labels.shape
+    area = 0.0
+    if z > 0 and labels[z - 1, y, x] == 0:
+        area += _cosine(labels, z, y, x, 0, -1)
+    if z < nz - 1 and labels[z + 1, y, x] == 0:
+        area += _cosine(labels, z, y, x, 0, 1)
+    if y > 0 and labels[z, y - 1, x] == 0:
+        area += _cosine(labels, z, y, x, 1, -1)
+    if y < ny - 1 and labels[z, y + 1, x] == 0:
+        area += _cosine(labels, z, y, x, 1, 1)
+    if x > 0 and labels[z, y, x - 1] == 0:
+        area += _cosine(labels, z, y, x, 2, -1)
+    if x < nx - 1 and labels[z, y, x + 1] == 0:
+        area += _cosine(labels, z, y, x, 2, 1)
+    return area
+
+
+@njit(cache=True)
 def _bulk(labels, squared, peak):
     """Volume, wall area and mean place of the highest voxels of every pore."""
     nz, ny, nx = labels.shape
@@ -168,18 +183,7 @@ def _bulk(labels, squared, peak):
                     mean[p, 2] += x
                 if squared[z, y, x] > 1:
                     continue
-                if z > 0 and labels[z - 1, y, x] == 0:
-                    wall[p] += _cosine(labels, z, y, x, 0, -1)
-                if z < nz - 1 and labels[z + 1, y, x] == 0:
-                    wall[p] += _cosine(labels, z, y, x, 0, 1)
-                if y > 0 and labels[z, y - 1, x] == 0:
-                    wall[p] += _cosine(labels, z, y, x, 1, -1)
-                if y < ny - 1 and labels[z, y + 1, x] == 0:
-                    wall[p] += _cosine(labels, z, y, x, 1, 1)
-                if x > 0 and labels[z, y, x - 1] == 0:
-                    wall[p] += _cosine(labels, z, y, x, 2, -1)
-                if x < nx - 1 and labels[z, y, x + 1] == 0:
-                    wall[p] += _cosine(labels, z, y, x, 2, 1)
+                wall[p] += _wall(labels, z, y, x)
     for p in range(peak.size):
         mean[p] /= highest[p]
     return volume, wall, mean
@@ -219,13 +223,13 @@ def _farthest(labels, centre):
 
 @njit(cache=True)
 def _faces(labels, squared, voxels, axes, throats, saddles, conns):
-    """Vector area, faces, rim edges along each axis, radius and place of the widest face of every throat."""
+    """Vector area of every throat, volume and wall of the voxels along it, radius and place of its widest."""
     flat, distance = labels.reshape(-1), squared.reshape(-1)
     nz, ny, nx = labels.shape
     size = np.array([nz, ny, nx])
     steps = np.array([ny * nx, nx, 1])
     m = conns.shape[0]
-    vector, count, rim = np.zeros((m, 3)), np.zeros(m), np.zeros((m, 3))
+    vector, volume, wall = np.zeros((m, 3)), np.zeros(m), np.zeros(m)
     mean, highest = np.zeros((m, 3)), np.zeros(m)
     place, least = np.zeros((m, 3)), np.full(m, np.inf)
     peak = np.empty(m)
@@ -239,18 +243,21 @@ def _faces(labels, squared, voxels, axes, throats, saddles, conns):
         at[0] = v // steps[0]
         at[1] = (v - at[0] * steps[0]) // nx
         at[2] = v - at[0] * steps[0] - at[1] * nx
-        # from the lower pore to the higher; a cut through a ring has no sides, its faces are added as they are
+        # from the lower pore to the higher; a cut through a ring has no sides: its faces are added as is
         vector[t, axis] += 1 if flat[v] <= flat[w] else -1
-        count[t] += 1
-        for along in range(3):
-            if along == axis:
-                continue
-            for side in (-1, 1):
-                if not 0 <= at[along] + side < size[along]:
-                    continue
-                step = side * steps[along]
-                if flat[v + step] == 0 or flat[w + step] == 0:
-                    rim[t, 3 - axis - along] += 1
+        for other in range(2):
+            here, beyond = (v, flat[w]) if other == 0 else (w, flat[v])
+            at[axis] += other
+            # a voxel with several faces on the interface is counted in shares
+            faces = 0
+            for along in range(3):
+                faces += at[along] > 0 and flat[here - steps[along]] == beyond
+                faces += at[along] < size[along] - 1 and flat[here + steps[along]] == beyond
+            share = 1.0 / faces if conns[t, 0] != conns[t, 1] else 1.0
+            volume[t] += share
+            if distance[here] == 1:
+                wall[t] += share * _wall(labels, at[0], at[1], at[2])
+        at[axis] -= 1
         if min(distance[v], distance[w]) == peak[t]:
             highest[t] += 1
             for k in range(3):
@@ -271,26 +278,31 @@ def _faces(labels, squared, voxels, axes, throats, saddles, conns):
             least[t] = away
             for k in range(3):
                 place[t, k] = at[k] + (0.5 if k != axis else 1.0)
-    return vector, count, rim, np.sqrt(peak), place
+    return vector, volume, wall, np.sqrt(peak), place
 
 
 @njit(cache=True)
-def _patches(pores, patches, squared, n):
-    """Pore, area, rim, highest squared distance and its mean place for every patch on a face."""
+def _patches(labels, axis, side, patches, squared, n):
+    """Pore, area, wall, highest squared distance and its mean place for every patch on a face."""
     ny, nx = patches.shape
-    pore, area, rim = np.zeros(n, np.int64), np.zeros(n), np.zeros(n)
+    layer = side * (labels.shape[axis] - 1)
+    pore, area, wall = np.zeros(n, np.int64), np.zeros(n), np.zeros(n)
     peak, mean, highest = np.zeros(n), np.zeros((n, 2)), np.zeros(n)
     for y in range(ny):
         for x in range(nx):
             p = patches[y, x] - 1
             if p < 0:
                 continue
-            pore[p] = pores[y, x]
             area[p] += 1
-            rim[p] += y > 0 and pores[y - 1, x] == 0
-            rim[p] += y < ny - 1 and pores[y + 1, x] == 0
-            rim[p] += x > 0 and pores[y, x - 1] == 0
-            rim[p] += x < nx - 1 and pores[y, x + 1] == 0
+            if axis == 0:
+                a, b, c = layer, y, x
+            elif axis == 1:
+                a, b, c = y, layer, x
+            else:
+                a, b, c = y, x, layer
+            pore[p] = labels[a, b, c]
+            if squared[y, x] == 1:
+                wall[p] += _wall(labels, a, b, c)
             if squared[y, x] > peak[p]:
                 peak[p], highest[p], mean[p] = squared[y, x], 0, 0
             if squared[y, x] == peak[p]:
@@ -299,7 +311,7 @@ def _patches(pores, patches, squared, n):
                 mean[p, 1] += x
     for p in range(n):
         mean[p] /= highest[p]
-    return pore, area, rim, peak, mean
+    return pore, area, wall, peak, mean
 
 
 @njit(cache=True)

@@ -1,16 +1,16 @@
 r"""Loops of the pore space and of its network.
 
-The pore space is the cubical complex :math:`X` whose vertices are the pore voxels, with an edge for two that
-share a face, a square for four around an edge and a cube for eight around a corner: pore is 6-connected, solid
-26-connected. Its Betti numbers follow from counts, :math:`\beta_1 = \beta_0 + \beta_2 - \chi`, with
+The pore space is the cubical complex :math:`X` whose vertices are the pore voxels, with an edge for two
+that share a face, a square for four around an edge and a cube for eight around a corner: pore is 6-connected,
+solid 26-connected. Its Betti numbers follow from counts, :math:`\beta_1 = \beta_0 + \beta_2 - \chi`, with
 :math:`\beta_2` the closed pieces of solid (:func:`pore_betti_numbers`).
 
 Give every pore the spanning tree along which it was grown. Tree edges are contracted; every other edge
 generates a loop, and every square says that its four edges sum to nothing (over :math:`Z_2`; a part of space
-has no torsion). Edges equal by these relations are one class (:func:`find_interfaces`): between two pores, one
-connected piece of their interface, a throat; inside a pore, a cut through a ring, a self-loop. What remains
-are relations of three or four classes, where three pores meet along a line. Of :math:`c` classes, on :math:`n`
-pores in :math:`\beta_0` components and with :math:`r` independent relations,
+has no torsion). Edges equal by these relations are one class (:func:`find_interfaces`): between two pores,
+one connected piece of their interface, a throat; inside a pore, a cut through a ring, a self-loop. What
+remains are relations of three or four classes, where three pores meet along a line. Of :math:`c` classes, on
+:math:`n` pores in :math:`\beta_0` components and with :math:`r` independent relations,
 
 .. math:: \beta_1(X) = c - (n - \beta_0) - r ,
 
@@ -83,7 +83,7 @@ def find_interfaces(parts: Partition) -> Interfaces:
     # classes are numbered by falling birth
     disc = _discs(relations, len(births))
     flat = parts.labels.reshape(-1)
-    nz, ny, nx = parts.labels.shape
+    _, ny, nx = parts.labels.shape
     steps = np.array([ny * nx, nx, 1])
     saddle_voxels, saddle_axes = births // 3, births % 3
     ends = np.stack([flat[saddle_voxels], flat[saddle_voxels + steps[saddle_axes]]], axis=1) - 1
@@ -152,11 +152,11 @@ def _reduce(terms, count):
 def _classes(labels, squared, order, tree, shape):
     """Sweep the filtration once more and sort its edges into classes.
 
-    Class 0 is contracted. A class is born with an edge that no square ties to earlier ones, and is united with
-    another, or with 0, by squares of two, or one, classes; squares of more are kept as relations.
+    Class 0 is contracted. A class is born with an edge that no square ties to earlier ones, and is united
+    with another, or with 0, by squares of two, or one, classes; squares of more are kept as relations.
 
-    Returns the edges that were of a class (3 * voxel + axis) and their classes, 1 ... c by falling birth or 0,
-    the edge of each birth, and relations (k, 4) of classes, padded by 0, in falling order.
+    Returns the edges that were of a class (3 * voxel + axis) and their classes, 1 ... c by falling birth or
+    0, the edge of each birth, and relations (k, 4) of classes, padded by 0, in falling order.
     """
     nz, ny, nx = shape
     plane = ny * nx
@@ -172,6 +172,7 @@ def _classes(labels, squared, order, tree, shape):
     recent = np.zeros((1 << 12, 4), np.int32)
     near = np.empty(6, np.int64)
     own = np.empty(6, np.int32)
+    linked = np.empty(6, np.int64)
     first = np.empty((6, 6), np.int32)
     second = np.empty((6, 6), np.int32)
     square = np.empty((6, 6), np.bool_)
@@ -197,11 +198,14 @@ def _classes(labels, squared, order, tree, shape):
                 near[k] = -1
         if earlier < 2:
             continue
-        unknown = 0
+        unknown, reached, all_near, flat_squares = 0, 0, 0, True
         for k in range(6):
+            linked[k] = 0
             if near[k] >= 0:
+                all_near |= 1 << k
                 if tree[min(v, near[k])] & np.uint8(1 << (k // 2)):
                     own[k] = 0
+                    reached |= 1 << k
                 else:
                     own[k] = -1
                     unknown += 1
@@ -221,6 +225,19 @@ def _classes(labels, squared, order, tree, shape):
                     second[a, b] = second[b, a] = _class_of(
                         near[b], w, a // 2, parent, tree, table, keys, classes
                     )
+                    linked[a] |= 1 << b
+                    linked[b] |= 1 << a
+                    flat_squares &= first[a, b] == 0 and second[a, b] == 0
+        if flat_squares:
+            # nearly everywhere all edges are tied to a tree edge by squares that are otherwise contracted
+            before = 0
+            while reached != before:
+                before = reached
+                for k in range(6):
+                    if reached & (1 << k):
+                        reached |= linked[k]
+            if reached == all_near:
+                continue
         while unknown > 0:
             found = True
             while found and unknown > 0:
