@@ -8,8 +8,9 @@ All in voxels here; coordinates are (x, y, z). What is measured how:
   surface's (Flin et al. 2005), which is Sobel's gradient of the image at the face.
 - A throat's cross-section is the length of its vector area, the sum of the faces' normals: exact for a plane
   however ragged its voxels, and the area seen along the throat for a curved interface.
-- A throat's perimeter is the wall of the voxels along its interface over their depth (volume over area),
-  and no less than that of the circle of its area.
+- A throat's perimeter is the length of the rim where its interface meets the solid, the sum of the rim's
+  edges projected onto the tangent that is at right angles to the throat and to the wall's normal: exact for a
+  smooth rim however ragged its voxels. It is no less than that of the circle of the same area.
 - Shape factors are G = A / P^2 for throats and G = V L / A_s^2 for pores, with A_s the wall and L twice the
   distance from the centre to the farthest voxel (Oren & Bakke 2003), and no more than a circle's, 1 / (4 pi).
 """
@@ -63,21 +64,15 @@ def measure_throats(parts: Partition, found: Interfaces) -> dict[str, np.ndarray
         OpenPNM's names without ``throat.``; ``coords`` (m, 3) is the middle of the face of the largest
         sphere, where several hold it of the one nearest to their mean.
     """
-    vector, volume, wall, radius, place = _faces(
-        parts.labels,
-        parts.squared_distance,
-        found.voxels,
-        found.axes,
-        found.throats,
-        found.saddles,
-        found.conns,
-    )
+    faces = (found.voxels, found.axes, found.throats)
+    vector, count, radius, place = _faces(parts.labels, parts.squared_distance, *faces, found.saddles)
     area = np.linalg.norm(vector, axis=1)
     # the interface around an enclosed pore has no vector area: take the mean shadow of a convex body, a
-    # quarter of its surface, which is 2/3 of its faces, half as many as the voxels on both sides
+    # quarter of its surface, which is 2/3 of its voxel faces
     closed = area == 0
-    area[closed] = volume[closed] / 12
-    return {"coords": place[:, ::-1]} | _sections(radius, area, wall * area / volume)
+    perimeter = _rims(parts.labels, *faces, vector / np.where(closed, 1, area)[:, None])
+    area[closed] = count[closed] / 6
+    return {"coords": place[:, ::-1]} | _sections(radius, area, perimeter)
 
 
 def measure_openings(parts: Partition) -> list[dict[str, np.ndarray]]:
@@ -96,10 +91,10 @@ def measure_openings(parts: Partition) -> list[dict[str, np.ndarray]]:
             squared = parts.squared_distance.take(-side, axis)
             patches = label(pores, background=0, connectivity=1)
             n = int(patches.max())
-            pore, area, wall, peak, mean = _patches(parts.labels, axis, side, patches, squared, n)
+            pore, area, rim, peak, mean = _patches(parts.labels, axis, side, patches, squared, n)
             spot = _nearest_in_patches(patches, squared, peak, mean)
             place = np.insert(spot + 0.5, axis, 0.0 if side == 0 else parts.labels.shape[axis], axis=1)
-            found.append({"pore": pore - 1, "coords": place[:, ::-1]} | _sections(np.sqrt(peak), area, wall))
+            found.append({"pore": pore - 1, "coords": place[:, ::-1]} | _sections(np.sqrt(peak), area, rim))
     return found
 
 
@@ -115,8 +110,8 @@ def _sections(radius: np.ndarray, area: np.ndarray, perimeter: np.ndarray) -> di
 
 
 @njit(cache=True)
-def _cosine(labels, z, y, x, axis, side):
-    """Cosine between the wall's normal at the face of a pore voxel and the face's own normal.
+def _normal(labels, z, y, x, axis, side):
+    """Unit normal of the wall, into the solid, at a face of a pore voxel beyond which there is solid.
 
     Sobel's gradients at the pore voxel and at the solid one added: derivative (-1, -1, 1, 1) and smoothing
     (1, 3, 3, 1) across the face, (-1, 0, 1) and (1, 2, 1) along it. The image goes on beyond its faces.
@@ -139,8 +134,15 @@ def _cosine(labels, z, y, x, axis, side):
                     across += slope * (2 - abs(j)) * (2 - abs(k))
                     one += smooth * j * (2 - abs(k))
                     other += smooth * (2 - abs(j)) * k
+    if across <= 0:  # a wall so thin that there is no telling how it lies
+        across, one, other = 1.0, 0.0, 0.0
     length = np.sqrt(across**2 + one**2 + other**2)
-    return abs(across) / length if length > 0 else 1.0
+    across, one, other = side * across / length, one / length, other / length
+    if axis == 0:
+        return across, one, other
+    if axis == 1:
+        return one, across, other
+    return one, other, across
 
 
 @njit(cache=True)
@@ -149,17 +151,17 @@ def _wall(labels, z, y, x):
     nz, ny, nx = labels.shape
     area = 0.0
     if z > 0 and labels[z - 1, y, x] == 0:
-        area += _cosine(labels, z, y, x, 0, -1)
+        area += abs(_normal(labels, z, y, x, 0, -1)[0])
     if z < nz - 1 and labels[z + 1, y, x] == 0:
-        area += _cosine(labels, z, y, x, 0, 1)
+        area += abs(_normal(labels, z, y, x, 0, 1)[0])
     if y > 0 and labels[z, y - 1, x] == 0:
-        area += _cosine(labels, z, y, x, 1, -1)
+        area += abs(_normal(labels, z, y, x, 1, -1)[1])
     if y < ny - 1 and labels[z, y + 1, x] == 0:
-        area += _cosine(labels, z, y, x, 1, 1)
+        area += abs(_normal(labels, z, y, x, 1, 1)[1])
     if x > 0 and labels[z, y, x - 1] == 0:
-        area += _cosine(labels, z, y, x, 2, -1)
+        area += abs(_normal(labels, z, y, x, 2, -1)[2])
     if x < nx - 1 and labels[z, y, x + 1] == 0:
-        area += _cosine(labels, z, y, x, 2, 1)
+        area += abs(_normal(labels, z, y, x, 2, 1)[2])
     return area
 
 
@@ -222,78 +224,114 @@ def _farthest(labels, centre):
 
 
 @njit(cache=True)
-def _faces(labels, squared, voxels, axes, throats, saddles, conns):
-    """Vector area of every throat, volume and wall of the voxels along it, radius and place of its widest."""
+def _faces(labels, squared, voxels, axes, throats, saddles):
+    """Vector area, number of faces, radius and place of the widest face of every throat."""
     flat, distance = labels.reshape(-1), squared.reshape(-1)
-    nz, ny, nx = labels.shape
-    size = np.array([nz, ny, nx])
+    _, ny, nx = labels.shape
     steps = np.array([ny * nx, nx, 1])
-    m = conns.shape[0]
-    vector, volume, wall = np.zeros((m, 3)), np.zeros(m), np.zeros(m)
+    m = saddles.size
+    vector, count = np.zeros((m, 3)), np.zeros(m)
     mean, highest = np.zeros((m, 3)), np.zeros(m)
     place, least = np.zeros((m, 3)), np.full(m, np.inf)
     peak = np.empty(m)
     for t in range(m):
         v, axis = voxels[saddles[t]], axes[saddles[t]]
         peak[t] = min(distance[v], distance[v + steps[axis]])
-    at = np.empty(3, np.int64)
     for f in range(voxels.size):
         v, axis, t = voxels[f], axes[f], throats[f]
         w = v + steps[axis]
-        at[0] = v // steps[0]
-        at[1] = (v - at[0] * steps[0]) // nx
-        at[2] = v - at[0] * steps[0] - at[1] * nx
-        # from the lower pore to the higher; a cut through a ring has no sides: its faces are added as is
-        vector[t, axis] += 1 if flat[v] <= flat[w] else -1
-        for other in range(2):
-            here, beyond = (v, flat[w]) if other == 0 else (w, flat[v])
-            at[axis] += other
-            # a voxel with several faces on the interface is counted in shares
-            faces = 0
-            for along in range(3):
-                faces += at[along] > 0 and flat[here - steps[along]] == beyond
-                faces += at[along] < size[along] - 1 and flat[here + steps[along]] == beyond
-            share = 1.0 / faces if conns[t, 0] != conns[t, 1] else 1.0
-            volume[t] += share
-            if distance[here] == 1:
-                wall[t] += share * _wall(labels, at[0], at[1], at[2])
-        at[axis] -= 1
+        vector[t, axis] += _side(flat[v], flat[w])
+        count[t] += 1
         if min(distance[v], distance[w]) == peak[t]:
             highest[t] += 1
+            at = _middle(v, axis, ny, nx)
             for k in range(3):
-                mean[t, k] += at[k] + (0.5 if k != axis else 1.0)
+                mean[t, k] += at[k]
     for t in range(m):
         mean[t] /= highest[t]
     for f in range(voxels.size):
         v, axis, t = voxels[f], axes[f], throats[f]
-        if min(distance[v], distance[v + steps[axis]]) != peak[t]:
-            continue
+        if min(distance[v], distance[v + steps[axis]]) == peak[t]:
+            at = _middle(v, axis, ny, nx)
+            away = (at[0] - mean[t, 0]) ** 2 + (at[1] - mean[t, 1]) ** 2 + (at[2] - mean[t, 2]) ** 2
+            if away < least[t]:
+                least[t] = away
+                place[t, 0], place[t, 1], place[t, 2] = at
+    return vector, count, np.sqrt(peak), place
+
+
+@njit(cache=True)
+def _side(here, there):
+    """Sense of a face from the lower pore to the higher; a cut through a ring has no sides."""
+    return 1 if here <= there else -1
+
+
+@njit(cache=True)
+def _middle(v, axis, ny, nx):
+    """Middle of the face between a voxel and the next along an axis."""
+    z = v // (ny * nx)
+    y = v // nx - z * ny
+    x = v - (z * ny + y) * nx
+    return z + (1.0 if axis == 0 else 0.5), y + (1.0 if axis == 1 else 0.5), x + (1.0 if axis == 2 else 0.5)
+
+
+@njit(cache=True)
+def _rims(labels, voxels, axes, throats, normals):
+    """Length of the rim of every throat on the wall: the integral of its tangent along the rim's edges."""
+    flat = labels.reshape(-1)
+    size = np.array(labels.shape)
+    _, ny, nx = labels.shape
+    steps = np.array([ny * nx, nx, 1])
+    rim = np.zeros(normals.shape[0])
+    at = np.empty(3, np.int64)
+    for f in range(voxels.size):
+        v, axis, t = voxels[f], axes[f], throats[f]
+        w = v + steps[axis]
+        sense = _side(flat[v], flat[w])
+        n = normals[t]
         at[0] = v // steps[0]
         at[1] = (v - at[0] * steps[0]) // nx
         at[2] = v - at[0] * steps[0] - at[1] * nx
-        away = 0.0
-        for k in range(3):
-            away += (at[k] + (0.5 if k != axis else 1.0) - mean[t, k]) ** 2
-        if away < least[t]:
-            least[t] = away
-            for k in range(3):
-                place[t, k] = at[k] + (0.5 if k != axis else 1.0)
-    return vector, volume, wall, np.sqrt(peak), place
+        for along in range(3):
+            if along == axis:
+                continue
+            for side in (-1, 1):
+                if not 0 <= at[along] + side < size[along]:
+                    continue
+                step = side * steps[along]
+                a, b, c = 0.0, 0.0, 0.0
+                for other in range(2):
+                    if flat[(w if other else v) + step] == 0:
+                        at[axis] += other
+                        da, db, dc = _normal(labels, at[0], at[1], at[2], along, side)
+                        at[axis] -= other
+                        a, b, c = a + da, b + db, c + dc
+                if a == b == c == 0:
+                    continue
+                # tangent n x m; the edge is the boundary of the face: its normal x the way out of it
+                p, q, r = n[1] * c - n[2] * b, n[2] * a - n[0] * c, n[0] * b - n[1] * a
+                length = np.sqrt(p * p + q * q + r * r)
+                third = 3 - axis - along
+                turn = 1 if (axis + 1) % 3 == along else -1
+                if length > 0:
+                    tangent = p if third == 0 else q if third == 1 else r
+                    rim[t] += sense * side * turn * tangent / length
+    return np.abs(rim)
 
 
 @njit(cache=True)
 def _patches(labels, axis, side, patches, squared, n):
-    """Pore, area, wall, highest squared distance and its mean place for every patch on a face."""
+    """Pore, area, rim, highest squared distance and its mean place for every patch on a face."""
     ny, nx = patches.shape
     layer = side * (labels.shape[axis] - 1)
-    pore, area, wall = np.zeros(n, np.int64), np.zeros(n), np.zeros(n)
+    pore, area, rim = np.zeros(n, np.int64), np.zeros(n), np.zeros(n)
     peak, mean, highest = np.zeros(n), np.zeros((n, 2)), np.zeros(n)
+    one, other = 1 if axis == 0 else 0, 1 if axis == 2 else 2
     for y in range(ny):
         for x in range(nx):
             p = patches[y, x] - 1
             if p < 0:
                 continue
-            area[p] += 1
             if axis == 0:
                 a, b, c = layer, y, x
             elif axis == 1:
@@ -301,8 +339,14 @@ def _patches(labels, axis, side, patches, squared, n):
             else:
                 a, b, c = y, x, layer
             pore[p] = labels[a, b, c]
-            if squared[y, x] == 1:
-                wall[p] += _wall(labels, a, b, c)
+            area[p] += 1
+            for way in range(4):
+                dy, dx = (way - 1 if way % 2 == 0 else 0), (way - 2 if way % 2 else 0)
+                if not (0 <= y + dy < ny and 0 <= x + dx < nx) or patches[y + dy, x + dx] > 0:
+                    continue
+                along = one if dx == 0 else other
+                m = _normal(labels, a, b, c, along, dy + dx)
+                rim[p] += abs(m[along]) / np.sqrt(m[one] ** 2 + m[other] ** 2)
             if squared[y, x] > peak[p]:
                 peak[p], highest[p], mean[p] = squared[y, x], 0, 0
             if squared[y, x] == peak[p]:
@@ -311,7 +355,7 @@ def _patches(labels, axis, side, patches, squared, n):
                 mean[p, 1] += x
     for p in range(n):
         mean[p] /= highest[p]
-    return pore, area, wall, peak, mean
+    return pore, area, rim, peak, mean
 
 
 @njit(cache=True)
