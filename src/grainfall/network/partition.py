@@ -128,17 +128,22 @@ def _flood(squared, order, shape, share, floor, labels, tree):
     """One sweep of the filtration; fills `labels` and `tree` and returns the pores' peaks.
 
     `component` follows the merge tree of the superlevel sets, `basin` the cancellations. Both keep the
-    earliest, that is highest, maximum as root.
+    earliest, that is highest, maximum as root. Saddles of one height wait for each other and are taken by the
+    height of what lies around them, which does not depend on the order of the axes.
     """
     nz, ny, nx = shape
     plane = ny * nx
+    steps = np.array([plane, nx, 1])
     component = np.empty(1024, np.int32)
     basin = np.empty(1024, np.int32)
     top = np.empty(1024, np.int64)  # voxel of the maximum
     count = 0
     near = np.empty(6, np.int64)
-    for voxel in order:
-        v = np.int64(voxel)
+    # saddles of the level: voxel, way to the neighbour, height of what lies around them
+    saddle, saddle_way, saddle_rank = np.empty(64, np.int64), np.empty(64, np.int8), np.empty(64, np.int64)
+    waiting = 0
+    for turn in range(order.size):
+        v = np.int64(order[turn])
         z = v // plane
         y = (v - z * plane) // nx
         x = v - z * plane - y * nx
@@ -153,9 +158,12 @@ def _flood(squared, order, shape, share, floor, labels, tree):
             w = near[k]
             if w < 0 or labels[w] == 0:
                 continue
-            # ties go to the higher pore, which does not depend on the order of the axes
             level = np.int64(squared[w])
-            if level > height or (level == height and labels[w] < best):
+            if level > height or (
+                level == height
+                and labels[w] != best
+                and _precedes(squared, shape, w, labels[w], near[way], best)
+            ):
                 best, height, way = labels[w], level, k
         if best == 0:
             count += 1
@@ -164,24 +172,38 @@ def _flood(squared, order, shape, share, floor, labels, tree):
             component[count] = basin[count] = count
             top[count] = v
             labels[v] = count
+        else:
+            labels[v] = best
+            _join(tree, v, near[way], way)
+            for k in range(6):
+                w = near[k]
+                if w < 0 or labels[w] == 0 or labels[w] == best:
+                    continue
+                if find_root(component, best) != find_root(component, labels[w]):
+                    if waiting == saddle.size:
+                        saddle, saddle_way = _grown(saddle), _grown(saddle_way)
+                        saddle_rank = _grown(saddle_rank)
+                    saddle[waiting], saddle_way[waiting] = v, k
+                    saddle_rank[waiting] = -_around(squared, shape, v) - _around(squared, shape, w)
+                    waiting += 1
+        if waiting == 0 or (turn + 1 < order.size and squared[order[turn + 1]] == squared[v]):
             continue
-        labels[v] = best
-        _join(tree, v, near[way], way)
-        for k in range(6):
-            w = near[k]
-            if w < 0 or labels[w] == 0 or labels[w] == best:
-                continue
-            elder, younger = find_root(component, best), find_root(component, labels[w])
+        depth = np.sqrt(squared[v])
+        for i in np.argsort(saddle_rank[:waiting], kind="mergesort"):
+            k = saddle_way[i]
+            v, w = saddle[i], saddle[i] + (1 if k % 2 else -1) * steps[k // 2]
+            elder, younger = find_root(component, labels[v]), find_root(component, labels[w])
             if elder == younger:
                 continue
             if younger < elder:
                 elder, younger = younger, elder
             component[younger] = elder
             peak = np.sqrt(squared[top[younger]])
-            if peak - np.sqrt(squared[v]) < max(share * peak, floor):
-                one, other = find_root(basin, best), find_root(basin, labels[w])
+            if peak - depth < max(share * peak, floor):
+                one, other = find_root(basin, labels[v]), find_root(basin, labels[w])
                 basin[max(one, other)] = min(one, other)
                 _join(tree, v, w, k)
+        waiting = 0
     number = np.zeros(count + 1, np.int32)
     pores = 0
     for i in range(1, count + 1):
@@ -195,6 +217,33 @@ def _flood(squared, order, shape, share, floor, labels, tree):
     for i in range(labels.size):
         labels[i] = number[labels[i]]
     return top[1 : pores + 1].copy()
+
+
+@njit(cache=True)
+def _precedes(squared, shape, v, one, w, other):
+    """Whether of two equally high voxels of basins `one` and `other` the first is the way up.
+
+    By the height of what lies around them, which does not depend on the order of the axes, then by that of
+    the basins.
+    """
+    here, there = _around(squared, shape, v), _around(squared, shape, w)
+    return here > there or (here == there and one < other)
+
+
+@njit(cache=True)
+def _around(squared, shape, v):
+    """Sum of the 5 x 5 x 5 values around a voxel, the image going on beyond its faces."""
+    nz, ny, nx = shape
+    z = v // (ny * nx)
+    y = v // nx - z * ny
+    x = v - (z * ny + y) * nx
+    total = 0
+    for i in range(z - 2, z + 3):
+        for j in range(y - 2, y + 3):
+            row = (min(max(i, 0), nz - 1) * ny + min(max(j, 0), ny - 1)) * nx
+            for k in range(x - 2, x + 3):
+                total += np.int64(squared[row + min(max(k, 0), nx - 1)])
+    return total
 
 
 @njit(cache=True)
