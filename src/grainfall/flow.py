@@ -79,7 +79,7 @@ def permeability(
             method, [(k_md, factor, share) if is_open else (0.0, np.nan, share) for is_open in open_axes]
         )
     if network is None:
-        network = extract(pore, voxel_size_um)
+        network = extract(pore, voxel_size_um, "snow2")
     size_um = voxel_size_um * np.array(pore.shape[::-1], float)
     share = (time.perf_counter() - begin) / 3
     rows = []

@@ -15,7 +15,12 @@ from grainfall.network.topology import Interfaces, find_interfaces
 
 
 def extract(
-    pore: np.ndarray, voxel_size_um: float, method: str = "persistence", **options: object
+    pore: np.ndarray,
+    voxel_size_um: float,
+    method: str = "persistence",
+    *,
+    persistence: float = PERSISTENCE,
+    **options: object,
 ) -> Network:
     """Extract the pore network of a binary volume, with boundary pores on all six faces.
 
@@ -30,9 +35,11 @@ def extract(
         maxima, merged by persistence (:func:`grainfall.network.partition`), and every connected piece of
         their interfaces is a throat, so that components and loops are those of the pore space
         (:mod:`grainfall.network.topology`). ``snow2``: the marker-based watershed of PoreSpy.
+    persistence : float
+        For method persistence, in [0, 1): the share of its radius by which the way from a pore to a larger
+        one must narrow, or it is part of that one.
     **options
-        Passed to the method; persistence takes ``persistence`` (0.1, the share of its radius by which the way
-        from a pore to a larger one must narrow) and ``threads`` (1, of the distance transform); snow2 takes
+        Passed to the method; persistence takes ``threads`` (1, of the distance transform), snow2 takes
         ``sigma`` (0.4, blur of the distance map in voxels) and ``r_max`` (4, radius in voxels within which a
         maximum must stand alone).
 
@@ -59,7 +66,7 @@ def extract(
     Raises
     ------
     InputError
-        For an unknown method, or an image that is not three-dimensional.
+        For an unknown method, a persistence out of its range, or an image that is not three-dimensional.
     """
     pore = np.asarray(pore)
     if pore.ndim != 3 or 0 in pore.shape:
@@ -71,6 +78,8 @@ def extract(
     pore = pore.astype(bool, copy=False)
     if pore.all() or not pore.any():
         return empty()
+    if method == "persistence":
+        options["persistence"] = persistence
     return METHODS[method](pore, float(voxel_size_um), **options)
 
 

@@ -21,11 +21,14 @@ import numpy as np
 from numba import njit
 from skimage.measure import label
 
-from grainfall.network.partition import Partition
+from grainfall.network.partition import Partition, surroundings
 from grainfall.network.topology import Interfaces
 
 CIRCLE = 1 / (4 * np.pi)
 """Shape factor of a circle, the largest there is."""
+
+SAME = 1e-9
+"""Squared distances from a mean that differ by less differ by rounding; then the surroundings decide."""
 
 
 def measure_pores(parts: Partition) -> dict[str, np.ndarray]:
@@ -194,17 +197,21 @@ def _bulk(labels, squared, peak):
 @njit(cache=True)
 def _nearest_peaks(labels, squared, peak, mean):
     """Of the highest voxels of every pore the one nearest to their mean."""
+    flat, shape = squared.reshape(-1), labels.shape
     centre = np.zeros((peak.size, 3), np.int64)
-    least = np.full(peak.size, np.inf)
-    for z in range(labels.shape[0]):
-        for y in range(labels.shape[1]):
-            for x in range(labels.shape[2]):
+    least, around = np.full(peak.size, np.inf), np.zeros(peak.size, np.int64)
+    for z in range(shape[0]):
+        for y in range(shape[1]):
+            for x in range(shape[2]):
                 p = labels[z, y, x] - 1
                 if p < 0 or squared[z, y, x] != peak[p]:
                     continue
                 away = (z - mean[p, 0]) ** 2 + (y - mean[p, 1]) ** 2 + (x - mean[p, 2]) ** 2
-                if away < least[p]:
-                    least[p] = away
+                if away > least[p] + SAME:
+                    continue
+                higher = surroundings(flat, shape, (z * shape[1] + y) * shape[2] + x)
+                if away < least[p] - SAME or higher > around[p]:
+                    least[p], around[p] = away, higher
                     centre[p, 0], centre[p, 1], centre[p, 2] = z, y, x
     return centre
 
@@ -232,7 +239,7 @@ def _faces(labels, squared, voxels, axes, throats, saddles):
     m = saddles.size
     vector, count = np.zeros((m, 3)), np.zeros(m)
     mean, highest = np.zeros((m, 3)), np.zeros(m)
-    place, least = np.zeros((m, 3)), np.full(m, np.inf)
+    place, least, around = np.zeros((m, 3)), np.full(m, np.inf), np.zeros(m, np.int64)
     peak = np.empty(m)
     for t in range(m):
         v, axis = voxels[saddles[t]], axes[saddles[t]]
@@ -254,8 +261,12 @@ def _faces(labels, squared, voxels, axes, throats, saddles):
         if min(distance[v], distance[v + steps[axis]]) == peak[t]:
             at = _middle(v, axis, ny, nx)
             away = (at[0] - mean[t, 0]) ** 2 + (at[1] - mean[t, 1]) ** 2 + (at[2] - mean[t, 2]) ** 2
-            if away < least[t]:
-                least[t] = away
+            if away > least[t] + SAME:
+                continue
+            higher = surroundings(distance, labels.shape, v)
+            higher += surroundings(distance, labels.shape, v + steps[axis])
+            if away < least[t] - SAME or higher > around[t]:
+                least[t], around[t] = away, higher
                 place[t, 0], place[t, 1], place[t, 2] = at
     return vector, count, np.sqrt(peak), place
 

@@ -184,7 +184,7 @@ def _flood(squared, order, shape, share, floor, labels, tree):
                         saddle, saddle_way = _grown(saddle), _grown(saddle_way)
                         saddle_rank = _grown(saddle_rank)
                     saddle[waiting], saddle_way[waiting] = v, k
-                    saddle_rank[waiting] = -_around(squared, shape, v) - _around(squared, shape, w)
+                    saddle_rank[waiting] = -surroundings(squared, shape, v) - surroundings(squared, shape, w)
                     waiting += 1
         if waiting == 0 or (turn + 1 < order.size and squared[order[turn + 1]] == squared[v]):
             continue
@@ -226,12 +226,12 @@ def _precedes(squared, shape, v, one, w, other):
     By the height of what lies around them, which does not depend on the order of the axes, then by that of
     the basins.
     """
-    here, there = _around(squared, shape, v), _around(squared, shape, w)
+    here, there = surroundings(squared, shape, v), surroundings(squared, shape, w)
     return here > there or (here == there and one < other)
 
 
 @njit(cache=True)
-def _around(squared, shape, v):
+def surroundings(squared, shape, v):
     """Sum of the 5 x 5 x 5 values around a voxel, the image going on beyond its faces."""
     nz, ny, nx = shape
     z = v // (ny * nx)
