@@ -7,16 +7,20 @@ solid 26-connected. Its Betti numbers follow from counts, :math:`\beta_1 = \beta
 
 Give every pore the spanning tree along which it was grown. Tree edges are contracted; every other edge
 generates a loop, and every square says that its four edges sum to nothing (over :math:`Z_2`; a part of space
-has no torsion). Edges equal by these relations are one class (:func:`find_interfaces`): between two pores,
-one connected piece of their interface, a throat; inside a pore, a cut through a ring, a self-loop. What
-remains are relations of three or four classes, where three pores meet along a line. Of :math:`c` classes, on
-:math:`n` pores in :math:`\beta_0` components and with :math:`r` independent relations,
+has no torsion). Edges equal by these relations are one class: between two pores a piece of their interface,
+inside a pore a cut through a ring. Pieces that differ by cuts only are one throat. What remains are relations
+of three or four classes, where three pores meet along a line.
 
-.. math:: \beta_1(X) = c - (n - \beta_0) - r ,
+- The network of :math:`n` pores in :math:`\beta_0` components and :math:`m` throats has
+  :math:`m - n + \beta_0` loops, of which those that the relations span, :math:`r` independent ones, bound
+  discs in the pore space.
+- The loops inside pores, that is the cuts modulo all relations, are :math:`s` more: self-loops.
+- With them :math:`\beta_1(X) = m - n + \beta_0 - r + s`, whatever the partition: every loop of :math:`X` is a
+  closed walk over edges, which the network's walks cover, and what that map forgets lies inside pores.
 
-so that :math:`r` of the network's loops bound a disc in the pore space. Which throats close them is the
-persistence pairing of the filtration by distance (Edelsbrunner, Letscher & Zomorodian 2002): every relation,
-in falling order, ends the youngest, that is narrowest, class that it can (:func:`discs`).
+Which throats close the loops that bound discs is the persistence pairing of the filtration by distance
+(Edelsbrunner, Letscher & Zomorodian 2002): every relation, in falling order, ends the youngest, that is
+narrowest, throat that it can.
 """
 
 from __future__ import annotations
@@ -60,8 +64,7 @@ class Interfaces:
 def find_interfaces(parts: Partition) -> Interfaces:
     """Throats of a partition as the faces of their interfaces, with the topology of the pore space.
 
-    Throats come in falling order of their largest distance. A self-loop that bounds a disc (a pore around
-    another) is none of the pore space and left out.
+    Throats come in falling order of their largest distance.
 
     Parameters
     ----------
@@ -78,24 +81,47 @@ def find_interfaces(parts: Partition) -> Interfaces:
         parts.tree.reshape(-1),
         parts.labels.shape,
     )
-    alive = classes > 0
-    keys, classes = keys[alive], classes[alive]
-    # classes are numbered by falling birth
-    disc = _discs(relations, len(births))
-    flat = parts.labels.reshape(-1)
     _, ny, nx = parts.labels.shape
     steps = np.array([ny * nx, nx, 1])
-    saddle_voxels, saddle_axes = births // 3, births % 3
-    ends = np.stack([flat[saddle_voxels], flat[saddle_voxels + steps[saddle_axes]]], axis=1) - 1
+    flat = parts.labels.reshape(-1)
+    ends = np.stack([flat[births // 3], flat[births // 3 + steps[births % 3]]], axis=1) - 1
     ends.sort(axis=1)
-    keep = ~(disc & (ends[:, 0] == ends[:, 1]))
-    number = np.cumsum(keep, dtype=np.int32) - 1
-    stays = keep[classes - 1]
-    keys, classes = keys[stays], number[classes[stays] - 1]
-    by_throat = np.lexsort((keys, classes))
-    keys, classes = keys[by_throat], classes[by_throat]
-    saddles = np.flatnonzero(keys == births[keep][classes])
-    return Interfaces(keys // 3, (keys % 3).astype(np.int8), classes, ends[keep], saddles, disc[keep])
+    cut = np.concatenate([[False], ends[:, 0] == ends[:, 1]])  # classes count from 1
+    throat = _pieces_of_one(relations, cut)
+    disc = _ended(np.where(cut, 0, throat)[relations], len(births))
+    # with cuts older than all throats, what the relations end of them are the cuts that others make up for
+    number = np.zeros(len(cut), np.int32)
+    number[1:][np.argsort(~cut[1:], kind="stable")] = np.arange(1, len(cut))
+    keep = np.where(cut, ~_ended(number[relations], len(births))[number], throat == np.arange(len(cut)))
+    keep[0] = False
+    final = (np.cumsum(keep, dtype=np.int32) - 1)[throat[classes]]
+    inside = keep[throat[classes]]
+    keys, final = keys[inside], final[inside]
+    by_throat = np.lexsort((keys, final))
+    keys, final = keys[by_throat], final[by_throat]
+    kept = keep[1:]
+    saddles = np.flatnonzero(keys == births[kept][final])
+    return Interfaces(
+        keys // 3, (keys % 3).astype(np.int8), final, ends[kept], saddles, (disc & ~cut)[1:][kept]
+    )
+
+
+@njit(cache=True)
+def _pieces_of_one(relations, cut):
+    """First class of the throat of every class: pieces of interface are one where only cuts part them."""
+    parent = np.arange(cut.size, dtype=np.int32)
+    for row in relations:
+        one, two, pieces = 0, 0, 0
+        for c in row:
+            if c > 0 and not cut[c]:
+                pieces += 1
+                one, two = two, c
+        if pieces == 2:
+            one, two = find_root(parent, one), find_root(parent, two)
+            parent[max(one, two)] = min(one, two)
+    for c in range(cut.size):
+        parent[c] = find_root(parent, c)
+    return parent
 
 
 @njit(cache=True)
@@ -388,13 +414,13 @@ def _pop(heap, size):
 
 
 @njit(cache=True)
-def _discs(relations, count):
-    """Classes 1 ... `count`, numbered by falling birth, that the relations end: (count,) bool.
+def _ended(relations, count):
+    """Classes 0 ... `count`, the older the lower, that the relations end: (count + 1,) bool.
 
     The standard reduction of persistent homology: every relation is added to by earlier ones until its
     youngest class is no earlier one's, or nothing is left of it.
     """
-    ends = np.zeros(count, np.bool_)
+    ends = np.zeros(count + 1, np.bool_)
     start = np.zeros(count + 1, np.int64)  # in `reduced`, of the relation that ends a class
     length = np.zeros(count + 1, np.int32)
     reduced = np.empty(1 << 12, np.int32)
@@ -412,7 +438,7 @@ def _discs(relations, count):
                 size = _pop(heap, size)
                 continue
             if length[youngest] == 0:
-                ends[youngest - 1] = True
+                ends[youngest] = True
                 start[youngest] = used
                 length[youngest] = 1
                 while used + size + 1 > reduced.size:
