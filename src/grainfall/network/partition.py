@@ -153,16 +153,19 @@ def _flood(squared, order, shape, share, floor, labels, tree):
         near[3] = v + nx if y < ny - 1 else -1
         near[4] = v - 1 if x > 0 else -1
         near[5] = v + 1 if x < nx - 1 else -1
-        best, height, way = 0, -1, 0
+        own = np.int64(squared[v])
+        best, height, way = 0, own, 0
         for k in range(6):
             w = near[k]
-            if w < 0 or labels[w] == 0:
+            if w < 0:
                 continue
             level = np.int64(squared[w])
-            if level > height or (
-                level == height
-                and labels[w] != best
-                and _precedes(squared, shape, w, labels[w], near[way], best)
+            if level < height or labels[w] == 0:
+                continue  # the lower have not been swept
+            if (
+                level > height
+                or best == 0
+                or (labels[w] != best and _precedes(squared, shape, w, labels[w], near[way], best))
             ):
                 best, height, way = labels[w], level, k
         if best == 0:
@@ -177,7 +180,7 @@ def _flood(squared, order, shape, share, floor, labels, tree):
             _join(tree, v, near[way], way)
             for k in range(6):
                 w = near[k]
-                if w < 0 or labels[w] == 0 or labels[w] == best:
+                if w < 0 or squared[w] < own or labels[w] == 0 or labels[w] == best:
                     continue
                 if find_root(component, best) != find_root(component, labels[w]):
                     if waiting == saddle.size:
