@@ -199,8 +199,7 @@ def _classes(labels, squared, order, tree, shape):
     near = np.empty(6, np.int64)
     own = np.empty(6, np.int32)
     linked = np.empty(6, np.int64)
-    first = np.empty((6, 6), np.int32)
-    second = np.empty((6, 6), np.int32)
+    opposite = np.empty((2, 6, 6), np.int32)
     square = np.empty((6, 6), np.bool_)
     terms = np.empty(4, np.int32)
     for voxel in order:
@@ -245,15 +244,13 @@ def _classes(labels, squared, order, tree, shape):
                 w = near[a] + near[b] - v
                 if squared[w] > height or (squared[w] == height and w < v):
                     square[a, b] = square[b, a] = True
-                    first[a, b] = first[b, a] = _class_of(
-                        near[a], w, b // 2, parent, tree, table, keys, classes
-                    )
-                    second[a, b] = second[b, a] = _class_of(
-                        near[b], w, a // 2, parent, tree, table, keys, classes
-                    )
+                    for other in range(2):
+                        corner, axis = (near[b], a // 2) if other else (near[a], b // 2)
+                        c = _class_of(corner, w, axis, parent, tree, table, keys, classes)
+                        opposite[other, a, b] = opposite[other, b, a] = c
+                        flat_squares &= c == 0
                     linked[a] |= 1 << b
                     linked[b] |= 1 << a
-                    flat_squares &= first[a, b] == 0 and second[a, b] == 0
         if flat_squares:
             # nearly everywhere all edges are tied to a tree edge by squares that are otherwise contracted
             before = 0
@@ -274,7 +271,7 @@ def _classes(labels, squared, order, tree, shape):
                     for a in range(6):
                         if a // 2 == b // 2 or near[a] < 0 or own[a] < 0 or not square[a, b]:
                             continue
-                        terms[0], terms[1], terms[2] = own[a], first[a, b], second[a, b]
+                        terms[0], terms[1], terms[2] = own[a], opposite[0, a, b], opposite[1, a, b]
                         left = _reduce(terms, 3)
                         if left < 2:
                             own[b] = terms[0] if left else 0
@@ -298,12 +295,12 @@ def _classes(labels, squared, order, tree, shape):
             for b in range(2 * (a // 2) + 2, 6):
                 if near[b] < 0 or not square[a, b]:
                     continue
-                if own[a] == own[b] and first[a, b] == second[a, b]:
+                if own[a] == own[b] and opposite[0, a, b] == opposite[1, a, b]:
                     continue
                 terms[0] = find_root(parent, own[a])
                 terms[1] = find_root(parent, own[b])
-                terms[2] = find_root(parent, first[a, b])
-                terms[3] = find_root(parent, second[a, b])
+                terms[2] = find_root(parent, opposite[0, a, b])
+                terms[3] = find_root(parent, opposite[1, a, b])
                 left = _reduce(terms, 4)
                 if left == 1:
                     parent[terms[0]] = 0
