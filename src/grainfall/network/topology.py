@@ -30,7 +30,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from grainfall.network.partition import Partition, _grown, find_root
+from grainfall.network.partition import CHUNK, Partition, find_root, longer
 
 
 @dataclass(frozen=True)
@@ -74,13 +74,7 @@ def find_interfaces(parts: Partition) -> Interfaces:
     -------
     Interfaces
     """
-    keys, classes, births, relations = _classes(
-        parts.labels.reshape(-1),
-        parts.squared_distance.reshape(-1),
-        parts.order,
-        parts.tree.reshape(-1),
-        parts.labels.shape,
-    )
+    keys, classes, births, relations = _find_classes(parts)
     _, ny, nx = parts.labels.shape
     steps = np.array([ny * nx, nx, 1])
     flat = parts.labels.reshape(-1)
@@ -136,12 +130,12 @@ def _slot(table, keys, key):
 
 
 @njit(cache=True)
-def _enter(table, keys, count):
-    """A table twice as large with the first `count` keys."""
-    larger = np.full(2 * table.size, -1, np.int32)
+def _enter(keys, count, size):
+    """A table with the first `count` keys."""
+    table = np.full(size, -1, np.int32)
     for p in range(count):
-        larger[_slot(larger, keys, keys[p])] = p
-    return larger
+        table[_slot(table, keys, keys[p])] = p
+    return table
 
 
 @njit(cache=True)
@@ -174,36 +168,64 @@ def _reduce(terms, count):
     return left
 
 
+def _find_classes(parts: Partition) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Classes of the edges of a partition.
+
+    Returns
+    -------
+    keys : (f,) int64
+        Edges that were of a class, as 3 * voxel + axis.
+    classes : (f,) int32
+        Their classes, 1 ... c by falling birth, or 0 where it has turned out to be contracted.
+    births : (c,) int64
+        The edge with which each class was born.
+    relations : (k, 4) int32
+        Classes that sum to nothing, three or four and the rest 0, in falling order.
+    """
+    shape, tree = parts.labels.shape, parts.tree.reshape(-1)
+    sweep = (parts.squared_distance.reshape(-1), parts.order, tree, shape)
+    keys, classes = np.zeros(CHUNK, np.int64), np.zeros(CHUNK, np.int32)
+    table = np.full(2 * CHUNK, -1, np.int32)
+    parent, birth = np.zeros(CHUNK, np.int32), np.zeros(CHUNK, np.int64)
+    relations, recent = np.zeros((CHUNK, 4), np.int32), np.zeros((CHUNK, 4), np.int32)
+    at = np.zeros(4, np.int64)
+    while not _sweep(*sweep, keys, classes, table, parent, birth, relations, recent, at):
+        _, faces, count, related = at
+        if faces + 6 > len(keys):
+            keys, classes = longer(keys), longer(classes)
+            table = _enter(keys, faces, 2 * len(table))
+        if count + 7 > len(parent):
+            parent, birth = longer(parent), longer(birth)
+        if related + 12 > len(relations):
+            relations = longer(relations)
+    _, faces, count, related = at
+    keys, classes = keys[:faces], classes[:faces]
+    living, related = _settle(keys, classes, tree, parent, birth, count, relations, related)
+    return keys, classes, birth[1 : living + 1], relations[:related]
+
+
 @njit(cache=True)
-def _classes(labels, squared, order, tree, shape):
-    """Sweep the filtration once more and sort its edges into classes.
+def _sweep(squared, order, tree, shape, keys, classes, table, parent, birth, relations, recent, at):
+    """Sweep the filtration on from `at` (voxels swept, faces, classes, relations): whether it is finished.
 
     Class 0 is contracted. A class is born with an edge that no square ties to earlier ones, and is united
-    with another, or with 0, by squares of two, or one, classes; squares of more are kept as relations.
-
-    Returns the edges that were of a class (3 * voxel + axis) and their classes, 1 ... c by falling birth or
-    0, the edge of each birth, and relations (k, 4) of classes, padded by 0, in falling order.
+    with another, or with 0, by squares of two, or one, classes; squares of more are kept as relations, each
+    but once where it comes again soon. Stops where an array might overflow.
     """
     nz, ny, nx = shape
     plane = ny * nx
-    keys = np.empty(1 << 12, np.int64)
-    classes = np.empty(1 << 12, np.int32)
-    table = np.full(1 << 13, -1, np.int32)
-    faces = 0
-    parent = np.zeros(1 << 12, np.int32)
-    birth = np.empty(1 << 12, np.int64)
-    count = 0
-    relations = np.empty((1 << 12, 4), np.int32)
-    related = 0
-    recent = np.zeros((1 << 12, 4), np.int32)
     near = np.empty(6, np.int64)
     own = np.empty(6, np.int32)
     linked = np.empty(6, np.int64)
     opposite = np.empty((2, 6, 6), np.int32)
     square = np.empty((6, 6), np.bool_)
     terms = np.empty(4, np.int32)
-    for voxel in order:
-        v = np.int64(voxel)
+    first, faces, count, related = at
+    for turn in range(first, order.size):
+        if faces + 6 > keys.size or count + 7 > parent.size or related + 12 > relations.shape[0]:
+            at[:] = turn, faces, count, related
+            return False
+        v = np.int64(order[turn])
         z = v // plane
         y = (v - z * plane) // nx
         x = v - z * plane - y * nx
@@ -282,8 +304,6 @@ def _classes(labels, squared, order, tree, shape):
                 for b in range(6):
                     if near[b] >= 0 and own[b] < 0:
                         count += 1
-                        if count == parent.size:
-                            parent, birth = _grown(parent), _grown(birth)
                         parent[count] = count
                         birth[count] = min(v, near[b]) * 3 + b // 2
                         own[b] = count
@@ -310,34 +330,31 @@ def _classes(labels, squared, order, tree, shape):
                     for i in range(left, 4):
                         terms[i] = 0
                     h = terms[0] * 73856093 ^ terms[1] * 19349663 ^ terms[2] * 83492791 ^ terms[3] * 49979687
-                    seen = recent[h & (recent.shape[0] - 1)]
-                    if (
-                        seen[0] == terms[0]
-                        and seen[1] == terms[1]
-                        and seen[2] == terms[2]
-                        and seen[3] == terms[3]
-                    ):
-                        continue
-                    seen[:] = terms
-                    if related == relations.shape[0]:
-                        longer = np.empty((2 * related, 4), np.int32)
-                        longer[:related] = relations
-                        relations = longer
-                    relations[related] = terms
-                    related += 1
+                    h &= recent.shape[0] - 1
+                    again = True
+                    for i in range(4):
+                        again &= recent[h, i] == terms[i]
+                        recent[h, i] = relations[related, i] = terms[i]
+                    related += not again
         for k in range(6):
             if near[k] >= 0 and own[k] > 0:
                 low = min(v, near[k])
                 tree[low] |= np.uint8(8 << (k // 2))
-                if faces == keys.size:
-                    keys, classes = _grown(keys), _grown(classes)
-                if 2 * faces > table.size:
-                    table = _enter(table, keys, faces)
                 keys[faces] = low * 3 + k // 2
                 classes[faces] = own[k]
                 table[_slot(table, keys, keys[faces])] = faces
                 faces += 1
-    # relations that the unions have shortened unite further classes
+    at[:] = order.size, faces, count, related
+    return True
+
+
+@njit(cache=True)
+def _settle(keys, classes, tree, parent, birth, count, relations, related):
+    """Number the classes that are left, in place; returns how many there are, of classes and relations.
+
+    Relations that the unions have shortened unite further classes.
+    """
+    terms = np.empty(4, np.int32)
     changed = True
     while changed:
         changed = False
@@ -364,18 +381,20 @@ def _classes(labels, squared, order, tree, shape):
             living += 1
             number[c] = living
             birth[living] = birth[c]
-    for f in range(faces):
+    for f in range(keys.size):
         tree[keys[f] // 3] &= np.uint8(7)
         classes[f] = number[find_root(parent, classes[f])]
     for r in range(related):
         for i in range(4):
             relations[r, i] = number[relations[r, i]]
-    return (
-        keys[:faces].copy(),
-        classes[:faces].copy(),
-        birth[1 : living + 1].copy(),
-        relations[:related].copy(),
-    )
+    return living, related
+
+
+@njit(cache=True)
+def _grown(values):
+    twice = np.empty(2 * values.size, values.dtype)
+    twice[: values.size] = values
+    return twice
 
 
 @njit(cache=True)
