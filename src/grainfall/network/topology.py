@@ -139,15 +139,6 @@ def _enter(keys, count, size):
 
 
 @njit(cache=True)
-def _class_of(p, q, steps_way, parent, marked, table, keys, classes):
-    """Class of the edge between two neighbours, both swept; 0 where it is contracted."""
-    low = min(p, q)
-    if not marked[low] & np.uint8(8 << steps_way):
-        return np.int32(0)
-    return np.int32(find_root(parent, classes[table[_slot(table, keys, low * 3 + steps_way)]]))
-
-
-@njit(cache=True)
 def _reduce(terms, count):
     """Sum over Z2 of `count` classes in place: sorted, pairs and zeros gone; returns how many are left."""
     for i in range(1, count):
@@ -268,7 +259,10 @@ def _sweep(squared, order, tree, shape, keys, classes, table, parent, birth, rel
                     square[a, b] = square[b, a] = True
                     for other in range(2):
                         corner, axis = (near[b], a // 2) if other else (near[a], b // 2)
-                        c = _class_of(corner, w, axis, parent, tree, table, keys, classes)
+                        c = np.int32(0)
+                        if tree[min(corner, w)] & np.uint8(8 << axis):
+                            key = min(corner, w) * 3 + axis
+                            c = np.int32(find_root(parent, classes[table[_slot(table, keys, key)]]))
                         opposite[other, a, b] = opposite[other, b, a] = c
                         flat_squares &= c == 0
                     linked[a] |= 1 << b
