@@ -119,7 +119,9 @@ def main() -> None:
                     row |= json.loads(child("run", method, path).splitlines()[-1])
                 rows.append(row)
                 print(row, flush=True)
-                io.write_table(given.out, pd.DataFrame(rows, columns=COLUMNS))
+                table = pd.DataFrame(rows, columns=COLUMNS)
+                whole = dict.fromkeys(("peak_rss_mb", "pores", "throats", "euler_error"), "Int64")
+                io.write_table(given.out, table.astype(whole))
 
 
 if __name__ == "__main__":
