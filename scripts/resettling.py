@@ -15,7 +15,7 @@ with stage(snakemake) as progress:
         library,
         packing.box_of(scene),
         packing.parameters_of(settings["packing"], settings["effects"]),
-        windows=packing.RESETTLING_WINDOWS,
+        rest=packing.RESETTLED,
         progress=progress,
     )
     before, after = (

@@ -5,7 +5,7 @@ from grainfall.packing.deposition import Box, container, deposit
 from grainfall.packing.mixing import Mixture, draw_population, draw_zones, phase_probabilities
 from grainfall.packing.parameters import NAMED, Parameters
 from grainfall.packing.plan import SWITCHES, decide, effects_plan
-from grainfall.packing.rest import RESETTLING_WINDOWS, moved_share, settle
+from grainfall.packing.rest import RESETTLED, moved_share, settle
 from grainfall.packing.scene import plan_scene
 from grainfall.packing.stages import box_of, pack, pack_again, pack_first, parameters_of, plan_deficit
 from grainfall.packing.tail import PoreTail, pore_tail
@@ -13,7 +13,7 @@ from grainfall.packing.virtual import VirtualSizes, match_porosity, sphere_proba
 
 __all__ = [
     "NAMED",
-    "RESETTLING_WINDOWS",
+    "RESETTLED",
     "SWITCHES",
     "Box",
     "Mixture",

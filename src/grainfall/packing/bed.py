@@ -203,7 +203,8 @@ class Bed:
         The poses are given to the engine's own narrow phase as they are, all bodies free, for one step too
         short to move them.
         """
-        engine = start(replace(self.parameters, dt=1e-6, gravity=1e-6), *self.sides)
+        still = replace(self.parameters, dt=1e-6, gravity=1e-6, contact_manifold="full")
+        engine = start(still, *self.sides)
         for i in range(len(self)):
             engine.add(self.solid(i), self.position[i], self.quaternion[i])
         engine.step(1)

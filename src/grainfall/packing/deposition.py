@@ -20,9 +20,6 @@ from grainfall.packing.parameters import Parameters
 from grainfall.packing.rest import relax
 from grainfall.packing.shapes import SPHERE, collision_shapes
 
-Progress = Callable[[int, int, int, int], None]
-"""Called with (bodies poured, bodies settled, bodies expected in all, simulation steps)."""
-
 
 @dataclass(frozen=True)
 class Box:
@@ -137,7 +134,7 @@ def deposit(
     box: Box,
     parameters: Parameters,
     rng: np.random.Generator,
-    progress: Progress | None = None,
+    progress: Callable[[str], None] | None = None,
     checkpoints: Path | None = None,
 ) -> pd.DataFrame:
     """Pour grains into the box and let them settle.
@@ -164,7 +161,7 @@ def deposit(
     parameters : Parameters
     rng : numpy.random.Generator
     progress : callable, optional
-        See :data:`Progress`.
+        Called with a line of text as the bed grows and comes to rest.
     checkpoints : Path, optional
         Folder for the state at each checkpoint, under a name that depends on all the arguments: a packing
         that is found there is resumed. Remove it when the result is safe.
@@ -256,8 +253,10 @@ class _Deposition:
                 break
             self._advance()
             if self.progress:
-                done = int(bed.fixed.sum())
-                self.progress(len(bed), done, max(expected, len(bed)), self.steps)
+                self.progress(
+                    f"{bed.fixed.sum()} of about {max(expected, len(bed))} bodies settled, "
+                    f"{len(bed)} poured, step {self.steps}"
+                )
             if self.idle >= self.parameters.max_idle_steps:
                 self.notes.append(
                     f"ended with {int((~bed.fixed).sum())} bodies still moving: none came to rest in "
@@ -280,7 +279,7 @@ class _Deposition:
             notes=self.notes,
         )
         before = bed.position.copy()
-        report.rest = relax(bed)
+        report.rest = relax(bed, progress=self.progress)
         report.settled = float(np.linalg.norm(bed.position - before, axis=1).mean())
         asleep, forces = report.rest.pop("asleep_each"), report.rest.pop("forces")
         report.asleep = int(asleep.sum())

@@ -26,6 +26,7 @@ def settle(
     parameters: Parameters,
     *,
     windows: int | None = None,
+    rest: float = AT_REST,
     taps: int = 0,
     progress: Callable[[str], None] | None = None,
 ) -> tuple[pd.DataFrame, dict]:
@@ -42,6 +43,8 @@ def settle(
     parameters : Parameters
     windows : int, optional
         Most windows of :data:`WINDOW` steps; ``parameters.rest_windows`` if omitted.
+    rest : float
+        Mean way of a body in a window, mean grain radii, below which the bed rests.
     taps : int
         Times that the bed is shaken first.
     progress : callable, optional
@@ -61,7 +64,7 @@ def settle(
     before = bed.position.copy()
     for _ in range(taps):
         shake(bed)
-    report = relax(bed, windows=windows, progress=progress)
+    report = relax(bed, windows=windows, rest=rest, progress=progress)
     moved = np.linalg.norm(bed.position - before, axis=1)
     table = bed.table(report.pop("asleep_each"))
     table["id"] = bodies["id"].to_numpy()
@@ -85,8 +88,9 @@ def moved_share(before: pd.DataFrame, after: pd.DataFrame, limit: float = 0.1) -
     return float((way > limit * before["scale"].to_numpy()).mean())
 
 
-RESETTLING_WINDOWS = 40
-"""Windows in which a skeleton without its virtual spheres may come to rest: it may have to fall."""
+RESETTLED = 0.01
+"""Drift, as :data:`AT_REST`, of a skeleton that fell when its virtual spheres left it: a bed of 25 radii that
+settles by another 0.01 of them changes its porosity by 0.0003."""
 
 
 def part(bed: Bed) -> None:
@@ -114,7 +118,13 @@ DEEP = 0.1
 """Depth of penetration, radii of the smaller body, of bodies that :func:`part` takes apart."""
 
 
-def relax(bed: Bed, *, windows: int | None = None, progress: Callable[[str], None] | None = None) -> dict:
+def relax(
+    bed: Bed,
+    *,
+    windows: int | None = None,
+    rest: float = AT_REST,
+    progress: Callable[[str], None] | None = None,
+) -> dict:
     """Let a bed come to rest with all its bodies free, in finer steps than it was poured in.
 
     A solver's residual velocity is about g dt / 2, so a grain that should rest wanders by a share of
@@ -129,7 +139,10 @@ def relax(bed: Bed, *, windows: int | None = None, progress: Callable[[str], Non
         Left where it came to rest, without an engine.
     windows : int, optional
         Most windows of :data:`WINDOW` steps; ``bed.parameters.rest_windows`` if omitted.
+    rest : float
+        Mean way of a body in a window, mean grain radii, below which the bed rests.
     progress : callable, optional
+        Called with a line of text.
 
     Returns
     -------
@@ -140,58 +153,60 @@ def relax(bed: Bed, *, windows: int | None = None, progress: Callable[[str], Non
         energy_rise (largest rise of total mechanical energy above its lowest so far, over the total);
         asleep_each (bool, per body); forces (DataFrame: a, b, force_n).
     """
-    coarse = bed.parameters
-    fine = replace(coarse, dt=coarse.dt * REFINEMENT, contact_manifold="full")
-    windows = coarse.rest_windows if windows is None else windows
+    given = bed.parameters
+    fine = replace(given, dt=given.dt * REFINEMENT, contact_manifold="full")
+    windows = given.rest_windows if windows is None else windows
     bed.fixed[:] = False
     bed.velocity[:] = bed.spin[:] = 0.0
     bed.start(fine)
-    energy, done = [bed.energy()], 0
+    energy = [bed.energy()]
 
     def asleep(way: np.ndarray) -> np.ndarray:
-        return way < coarse.sleep_speed * WINDOW * fine.dt
+        return way < given.sleep_speed * WINDOW * fine.dt
 
     def window(damping: float) -> np.ndarray:
-        nonlocal done
-        bed.engine.damp(fine.linear_damping + damping / fine.dt, fine.angular_damping + damping / fine.dt)
+        """Way of each body over one window."""
+        per_second = damping / fine.dt
+        bed.engine.damp(given.linear_damping + per_second, given.angular_damping + per_second)
         before = bed.position.copy()
         for _ in range(10):
             bed.engine.step(WINDOW // 10)
             bed.read()
             energy.append(bed.energy())
+        return np.linalg.norm(bed.position - before, axis=1)
+
+    def left(way: np.ndarray) -> int:
+        """Windows left to the bed: more while some of its bodies are not even asleep."""
+        return (windows if asleep(way).all() else PATIENCE * windows) - done
+
+    done, way, quiet = 0, np.full(len(bed), np.inf), False
+    while True:
+        judged = quiet or left(way) <= 1
+        velocity = bed.velocity.copy()
+        way = window(0.0 if judged else DAMPING)
         done += 1
-        way = np.linalg.norm(bed.position - before, axis=1)
         if progress:
             progress(f"coming to rest, step {done * WINDOW}: mean drift {way.mean():.2g} radii")
-        return way
-
-    while True:
-        way = np.full(len(bed), np.inf)
-        while done < (windows if asleep(way).all() else PATIENCE * windows) - 1:
-            way = window(DAMPING)
-            if way.mean() < AT_REST / 2 and asleep(way).all():
-                break
-        velocity = bed.velocity.copy()
-        drift = window(0.0)
-        at_rest = bool(drift.mean() < AT_REST and asleep(drift).all())
-        if at_rest or done >= (windows if asleep(drift).all() else PATIENCE * windows):
+        still = bool(asleep(way).all())
+        if judged and (left(way) <= 0 or (still and way.mean() < rest)):
             break
+        quiet = still and not judged and way.mean() < rest / 2
     gained = np.linalg.norm(bed.velocity - velocity, axis=1) / (WINDOW * fine.dt)
     lowest = np.minimum.accumulate(energy)
     report = {
         "steps": done * WINDOW,
-        "at_rest": at_rest,
-        "drift_mean": float(drift.mean()),
-        "drift_p99": float(np.quantile(drift, 0.99)),
-        "drift_max": float(drift.max()),
+        "at_rest": still and bool(way.mean() < rest),
+        "drift_mean": float(way.mean()),
+        "drift_p99": float(np.quantile(way, 0.99)),
+        "drift_max": float(way.max()),
         "net_force": float(gained.mean() / fine.gravity),
         "net_force_contacts": None,
         "energy_rise": float((energy - lowest).max() / abs(energy[-1])),
-        "asleep_each": asleep(drift),
+        "asleep_each": asleep(way),
     }
     report |= _balance(bed)
     bed.close()
-    bed.parameters = coarse
+    bed.parameters = given
     return report
 
 

@@ -103,10 +103,7 @@ def pack(
     share = scene["edge_um"] ** 2 / np.prod(box.sides_um)
     population = draw_zones(mixture, library, box.solid_um3(), share, rng)
 
-    def tell(poured: int, settled: int, expected: int, steps: int) -> None:
-        progress(f"{settled} of about {expected} bodies settled, {poured} poured, step {steps}")
-
-    bodies = deposit(population, library, box, parameters, rng, tell if progress else None, checkpoints)
+    bodies = deposit(population, library, box, parameters, rng, progress, checkpoints)
     report = {**bodies.attrs.pop("report"), "p_sp": float(p_sphere)}
     report["forces"] = pd.DataFrame(bodies.attrs.pop("forces"))
     if taps:
