@@ -29,14 +29,19 @@ def porous() -> np.ndarray:
     return pore
 
 
+@pytest.fixture(scope="module", params=network.METHODS)
+def method(request) -> str:
+    return request.param
+
+
 @pytest.fixture(scope="module")
-def extracted(porous):
-    return network.extract(porous, 2.0)
+def extracted(porous, method):
+    return network.extract(porous, 2.0, method, persistence=0.1)
 
 
-def test_two_balls_are_two_pores_and_one_throat():
+def test_two_balls_are_two_pores_and_one_throat(method):
     pore = dumbbell()
-    net = network.extract(pore, 3.0)
+    net = network.extract(pore, 3.0, method)
     assert len(net["pore.coords"]) == 2
     assert net["throat.conns"].tolist() == [[0, 1]]
     assert not net["pore.boundary"].any()
@@ -51,13 +56,13 @@ def test_pore_volumes_add_up_to_the_pore_space(porous, extracted):
     assert extracted["pore.volume"].sum() == pytest.approx(np.count_nonzero(porous) * 8.0, rel=1e-12)
 
 
-def test_unconnected_parts_stay_unconnected():
+def test_unconnected_parts_stay_unconnected(method):
     from scipy.ndimage import label as components
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
     pore = np.random.default_rng(5).random((20, 20, 20)) < 0.3
-    net = network.extract(pore, 1.0)
+    net = network.extract(pore, 1.0, method)
     inner = ~net["pore.boundary"]
     net = network.subnetwork(net, inner)
     n = len(net["pore.coords"])
@@ -77,14 +82,14 @@ def test_boundary_pores_lie_outside_their_own_face(porous, extracted):
     assert ((inside > 0) & (inside < size)).all()
 
 
-def test_lengths_scale_with_the_voxel(porous, extracted):
-    other = network.extract(porous, 3.0)
+def test_lengths_scale_with_the_voxel(porous, extracted, method):
+    other = network.extract(porous, 3.0, method)
     for name, power in network.LENGTH_POWER.items():
         assert other[name] == pytest.approx(extracted[name] * 1.5**power, rel=1e-12), name
 
 
-def test_same_bytes_twice_and_back(porous, extracted, tmp_path):
-    again = network.extract(porous, 2.0)
+def test_same_bytes_twice_and_back(porous, extracted, method, tmp_path):
+    again = network.extract(porous, 2.0, method)
     paths = [(tmp_path / f"p{i}.csv", tmp_path / f"t{i}.csv") for i in (0, 1)]
     for net, (pores, throats) in zip((extracted, again), paths, strict=True):
         network.save(net, pores, throats)
@@ -108,10 +113,10 @@ def test_nothing_to_partition_gives_an_empty_network(fill, shape, tmp_path):
 
 
 @pytest.mark.parametrize("shape", [(1, 1, 7), (1, 6, 5), (2, 2, 2), (3, 2, 1)])
-def test_tiny_volumes(shape):
+def test_tiny_volumes(shape, method):
     pore = np.random.default_rng(1).random(shape) < 0.6
     pore.flat[0], pore.flat[-1] = True, False
-    net = network.extract(pore, 1.0)
+    net = network.extract(pore, 1.0, method)
     assert net["pore.volume"].sum() == pytest.approx(pore.sum())
 
 
@@ -142,14 +147,14 @@ def test_sizes_of_two_balls_and_a_speck():
     assert network.summarise(net).set_index("element").loc["coordination", "mean"] == 1
 
 
-def test_a_speck_on_the_watershed_links_nothing():
+def test_a_speck_on_the_watershed_links_nothing(method):
     # PoreSpy floods through the solid: a closed part without a marker would belong to both sides, a link
     pore = dumbbell(radius=6.0)
     pore[:, :, 14:16] = False
-    alone = network.extract(pore, 1.0)
+    alone = network.extract(pore, 1.0, method)
     pore[12:18, 12:18, 14:16] = False
     pore[21:23, 14:16, 12:18] = True
-    net = network.extract(pore, 1.0)
+    net = network.extract(pore, 1.0, method)
     assert len(alone["throat.conns"]) == len(net["throat.conns"]) == 0
 
 
