@@ -3,9 +3,8 @@
     python tests/benchmarks/packing_speed.py [--numbers 1000 4000 10000] [--plain 200] [--out ...]
 
 The process is pinned to one core. Engines of this project deposit the grains of 32 vertices to the paper's
-sleep criterion (below 0.01 for 300 steps) in a box ten mean diameters wide: a fixed cross-section asks that
-the cost a grain stays the same while the bed grows under it. They pay for pouring, for the final rest of all
-grains together, and for every check. The plain loop is what one writes without a package: all grains in
+sleep criterion (below 0.01 for 300 steps) in a box as wide as the bed is high, as the region of a twin asks
+for. They pay for pouring, for the final rest of all grains together, and for every check. The plain loop is what one writes without a package: all grains in
 layers, pybullet's defaults, steps until all have been still for as long.
 
 Columns: engine, n_grains, hull_vertices, wall_s, cpu_s (wall time is another's on a shared machine), settled
@@ -36,8 +35,10 @@ RADIUS = 50.0
 SLEEP_SPEED, SLEEP_STEPS = 0.01, 300
 """The paper's sleep criterion."""
 
-WIDTH = 10.0
-"""Width of the box, mean diameters."""
+
+def width(n: int) -> float:
+    """Edge, mean diameters, of the cube that ``n`` grains fill."""
+    return (n * np.pi / 6 / 0.6) ** (1 / 3)
 
 
 def this_project(engine: str, n: int, library: Library, rng: np.random.Generator) -> dict:
@@ -50,8 +51,7 @@ def this_project(engine: str, n: int, library: Library, rng: np.random.Generator
         sleep_steps=SLEEP_STEPS,
     )
     margin, diameter = 1.0, 2 * RADIUS
-    height = n * 4 / 3 * np.pi / (0.6 * (2 * WIDTH) ** 2) / 2  # of the bed, diameters
-    roi = ((WIDTH - 2 * margin) * diameter, (WIDTH - 2 * margin) * diameter, (height - 2 * margin) * diameter)
+    roi = (width(n) - 2 * margin) * diameter
     supply = pd.DataFrame(
         {"kind": "grain", "phase": 1, "shape": rng.integers(0, len(library.vertices), n), "scale": RADIUS}
     )
@@ -72,7 +72,7 @@ def plain_pybullet(n: int, library: Library, rng: np.random.Generator, most_step
     shapes = collision_shapes(library, range(len(library.vertices)), Parameters(hull_vertices=HULL_VERTICES))
     client = bullet.connect(bullet.DIRECT)
     bullet.setGravity(0, 0, -9.8, physicsClientId=client)
-    side = 2 * WIDTH
+    side = 2 * width(n)
     for place, normal in (
         ((0, 0, 0), (0, 0, 1)),
         ((0, 0, 0), (1, 0, 0)),
