@@ -46,9 +46,9 @@ FRICTIONLESS_WINDOWS = 40
 """Without friction, grains frozen while pouring were not stable: they take many windows to come to rest."""
 
 LIQUID = 3.0
-"""Rate, 1/s, at which spheres lose speed as they sink: they arrive as fast as from a fall over half a radius. The
-known packings were brought together slowly. Falling from four radii, spheres of any friction above 0.3 shake
-each other down to 0.61 (case ``poured``)."""
+"""Rate, 1/s, at which spheres lose speed as they sink: they arrive as fast as from a fall over half a radius.
+The known packings were brought together slowly. Falling from four radii, spheres of any friction above 0.3
+shake each other down to 0.61 (case ``poured``)."""
 
 
 @dataclass(frozen=True)

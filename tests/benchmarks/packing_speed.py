@@ -4,8 +4,9 @@
 
 The process is pinned to one core. Engines of this project deposit the grains of 32 vertices to the paper's
 sleep criterion (below 0.01 for 300 steps) in a box as wide as the bed is high, as the region of a twin asks
-for. They pay for pouring, for the final rest of all grains together, and for every check. The plain loop is what one writes without a package: all grains in
-layers, pybullet's defaults, steps until all have been still for as long.
+for. They pay for pouring, for the final rest of all grains together, and for every check. The plain loop is
+what one writes without a package: all grains in layers in the same box, pybullet's defaults, steps until all
+have been still for as long.
 
 Columns: engine, n_grains, hull_vertices, wall_s, cpu_s (wall time is another's on a shared machine), settled
 (share of the grains), steps, rest_steps (after pouring, all grains free), note. The exponent of cost over
