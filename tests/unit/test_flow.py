@@ -35,10 +35,15 @@ def chain(diameter: float, spacing: float, n: int) -> network.Network:
             net[name] = np.zeros(n)
         elif name == "throat.coords":
             net[name] = net["pore.coords"][:-1] + np.array([spacing / 2, 0, 0])
+        elif name == "throat.half_lengths":
+            net[name] = np.full((n - 1, 2), spacing / 2)
+        elif name.endswith(".shape_factor"):
+            net[name] = np.full(n if name.startswith("pore.") else n - 1, 1 / 16)
         elif name.startswith("throat.") and name != "throat.conns":
             net[name] = np.full(n - 1, spacing)
     for name in ("boundary", *network.FACES):
         net[f"pore.{name}"] = np.zeros(n, bool)
+    net["throat.disc_bounding"] = np.zeros(n - 1, bool)
     net["pore.xmin"][0] = net["pore.xmax"][-1] = True
     net["pore.boundary"][[0, -1]] = True
     return net

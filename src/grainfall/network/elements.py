@@ -1,0 +1,120 @@
+"""What a pore network is: OpenPNM's names, units, and the figures that networks are compared by."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+import pandas as pd
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+Network: TypeAlias = dict[str, np.ndarray]
+"""OpenPNM names to arrays; the first axis is the pore or the throat."""
+
+LENGTH_POWER = {
+    "pore.coords": 1,
+    "pore.volume": 3,
+    "pore.surface_area": 2,
+    "pore.inscribed_diameter": 1,
+    "pore.extended_diameter": 1,
+    "pore.equivalent_diameter": 1,
+    "pore.shape_factor": 0,
+    "throat.coords": 1,
+    "throat.cross_sectional_area": 2,
+    "throat.perimeter": 1,
+    "throat.inscribed_diameter": 1,
+    "throat.equivalent_diameter": 1,
+    "throat.shape_factor": 0,
+    "throat.half_lengths": 1,
+    "throat.direct_length": 1,
+    "throat.total_length": 1,
+}
+"""Measured properties of every network and the power of length that each carries."""
+
+COMPONENTS = {"pore.coords": 3, "throat.coords": 3, "throat.half_lengths": 2}
+"""Properties that are vectors."""
+
+FACES = ("xmin", "xmax", "ymin", "ymax", "zmin", "zmax")
+
+LABELS = ("pore.boundary", *(f"pore.{face}" for face in FACES), "throat.disc_bounding")
+"""What is true or false of an element."""
+
+
+def empty() -> Network:
+    """A network of no pores and no throats that has every property."""
+    network: Network = {"throat.conns": np.empty((0, 2), np.int64)}
+    for name in LENGTH_POWER:
+        network[name] = np.empty((0, COMPONENTS[name]) if name in COMPONENTS else 0)
+    for name in LABELS:
+        network[name] = np.empty(0, bool)
+    return network
+
+
+def subnetwork(network: Network, keep: np.ndarray) -> Network:
+    """The pores ``keep`` (n,) bool and the throats between them, renumbered."""
+    conns = network["throat.conns"]
+    throats = keep[conns].all(axis=1)
+    number = np.cumsum(keep) - 1
+    part = {k: v[keep if k.startswith("pore.") else throats] for k, v in network.items()}
+    part["throat.conns"] = number[part["throat.conns"]]
+    return part
+
+
+def coordination_numbers(network: Network) -> np.ndarray:
+    """Throats of every pore (n,) int; a throat to a boundary pore stands for the link beyond the face."""
+    return np.bincount(network["throat.conns"].ravel(), minlength=len(network["pore.coords"]))
+
+
+def element_sizes(network: Network) -> dict[str, np.ndarray]:
+    """Sizes to compare networks by: of interior pores with a throat, and of throats between interior pores.
+
+    Pores without throats are left out: nearly all are specks of a few voxels cut off by the resolution.
+
+    Returns
+    -------
+    dict
+        ``pore_radius_um``: of the largest sphere about the pore's centre in the whole pore space;
+        ``throat_radius_um``: of the largest sphere in the throat; ``coordination``: throats a pore.
+    """
+    coordination = coordination_numbers(network)
+    inner = ~network["pore.boundary"]
+    linked = inner & (coordination > 0)
+    return {
+        "pore_radius_um": network["pore.extended_diameter"][linked] / 2,
+        "throat_radius_um": network["throat.inscribed_diameter"][inner[network["throat.conns"]].all(axis=1)]
+        / 2,
+        "coordination": coordination[linked],
+    }
+
+
+def summarise(network: Network) -> pd.DataFrame:
+    """Distribution of each of :func:`element_sizes` in one row.
+
+    Returns
+    -------
+    DataFrame
+        Columns element, n, mean, std, p10, median, p90; statistics of no elements are empty.
+    """
+    rows = []
+    for element, values in element_sizes(network).items():
+        row: dict[str, object] = {"element": element, "n": len(values)}
+        if len(values):
+            p10, median, p90 = np.percentile(values, [10, 50, 90])
+            row |= {"mean": values.mean(), "std": values.std(), "p10": p10, "median": median, "p90": p90}
+        rows.append(row)
+    return pd.DataFrame(rows, columns=["element", "n", "mean", "std", "p10", "median", "p90"])
+
+
+def betti_numbers(network: Network) -> tuple[int, int]:
+    """Components and loops of the network of the pore space, without boundary pores.
+
+    Loops that bound a disc in the pore space are not counted, so that a network that keeps the topology has
+    those of :func:`grainfall.network.pore_betti_numbers`.
+    """
+    network = subnetwork(network, ~network["pore.boundary"])
+    n = len(network["pore.coords"])
+    i, j = network["throat.conns"].T
+    graph = coo_array((np.ones(len(i)), (i, j)), shape=(n, n))
+    components = int(connected_components(graph, directed=False)[0]) if n else 0
+    return components, int(np.count_nonzero(~network["throat.disc_bounding"])) - n + components
