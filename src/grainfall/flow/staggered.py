@@ -128,6 +128,31 @@ def assemble(
     return Staggered(matrix, gradient, area, area * length, drive, face, cell, pore.shape, periodic)
 
 
+def friction(pore: np.ndarray) -> tuple[np.ndarray, np.ndarray, csr_array]:
+    """Friction of a pore space with its six sides open to flow across them, and walls to flow along them.
+
+    Parameters
+    ----------
+    pore : (nz, ny, nx) array of bool
+
+    Returns
+    -------
+    face : (n, 4) int
+        As in :class:`Staggered`.
+    volume : (n,) float
+    matrix : (n, n) csr_array
+    """
+    pairs = [_sides_of_faces(pore, c, periodic=False, closed=False) for c in range(3)]
+    opened = [before & behind for before, behind in pairs]
+    face = np.concatenate([np.insert(np.argwhere(o), 0, c, axis=1) for c, o in enumerate(opened)])
+    face = face.astype(np.int32)
+    along = face[np.arange(len(face)), 1 + face[:, 0]]
+    at_end = (along == 0) | (along == np.array(pore.shape)[face[:, 0]])
+    length = np.where(at_end, 0.5, 1.0)
+    matrix, _ = _friction(face, opened, [], length, (False, False, False), (2.0, 2.0, 2.0))
+    return face, length, matrix
+
+
 def _sides_of_faces(
     pore: np.ndarray, axis: int, periodic: bool, closed: bool
 ) -> tuple[np.ndarray, np.ndarray]:
