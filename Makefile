@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 SNAKEMAKE := $(BIN)/snakemake --profile workflow/profiles/local --cores $(CORES)
 IMAGE ?=
 
-.PHONY: demo test lint format thin-section engines report bench-stereology bench-segmentation bench-engines bench-creep bench-packing bench-decomposition bench-permeability hard-cases clean
+.PHONY: demo test lint format thin-section engines report bench-stereology bench-segmentation bench-engines bench-creep bench-packing bench-decomposition bench-network bench-permeability hard-cases clean
 
 demo: $(VENV)/.ready  ## the embedded demo, to results/summary.csv and results/report.html
 	$(SNAKEMAKE)
@@ -65,6 +65,9 @@ bench-packing: $(VENV)/.ready  ## hours; goes on where it was stopped
 bench-decomposition: $(VENV)/.ready  ## a section's grains too: make bench-decomposition IMAGE=path/to/instances.npz
 	$(BIN)/python tests/benchmarks/decomposition.py $(if $(IMAGE),--section "$(IMAGE)") \
 		--out results/benchmarks/decomposition.csv
+
+bench-network: $(VENV)/.ready  ## time, memory and topology of network extraction
+	$(BIN)/python tests/benchmarks/network.py --out results/benchmarks/network_speed.csv
 
 bench-permeability: $(VENV)/.ready
 	$(BIN)/python tests/benchmarks/permeability.py --out results/benchmarks/permeability.csv

@@ -1,8 +1,10 @@
-"""The twin for other tools: MetaImage, VTI, GLB and STL."""
+"""The twin and its pore network for other tools: MetaImage, VTI, GLB, STL; VTP and Statoil files."""
+
+from pathlib import Path
 
 from _stage import stage
 
-from grainfall import grains, io, volume
+from grainfall import grains, io, network, volume
 
 with stage(snakemake):
     phase, attributes = io.read_volume(snakemake.input.twin, "phase")
@@ -13,3 +15,7 @@ with stage(snakemake):
     bodies = io.read_table(snakemake.input.bodies)
     for path in (snakemake.output.glb, snakemake.output.stl):
         grains.export_bodies(bodies, library, path)
+    found = network.load(snakemake.input.pores, snakemake.input.throats)
+    network.save_vtp(found, snakemake.output.vtp)
+    prefix = Path(snakemake.output.vtp).with_suffix("")
+    network.save_statoil(found, prefix, tuple(n * size for n in phase.shape[::-1]))

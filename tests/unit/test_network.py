@@ -1,4 +1,4 @@
-"""Pore networks: what is conserved, what must connect and what must not."""
+"""Pore networks: what is conserved and what must connect; topology and geometry of known shapes."""
 
 import numpy as np
 import pytest
@@ -29,14 +29,19 @@ def porous() -> np.ndarray:
     return pore
 
 
+@pytest.fixture(scope="module", params=network.METHODS)
+def method(request) -> str:
+    return request.param
+
+
 @pytest.fixture(scope="module")
-def extracted(porous):
-    return network.extract(porous, 2.0)
+def extracted(porous, method):
+    return network.extract(porous, 2.0, method, persistence=0.1)
 
 
-def test_two_balls_are_two_pores_and_one_throat():
+def test_two_balls_are_two_pores_and_one_throat(method):
     pore = dumbbell()
-    net = network.extract(pore, 3.0)
+    net = network.extract(pore, 3.0, method)
     assert len(net["pore.coords"]) == 2
     assert net["throat.conns"].tolist() == [[0, 1]]
     assert not net["pore.boundary"].any()
@@ -51,13 +56,13 @@ def test_pore_volumes_add_up_to_the_pore_space(porous, extracted):
     assert extracted["pore.volume"].sum() == pytest.approx(np.count_nonzero(porous) * 8.0, rel=1e-12)
 
 
-def test_unconnected_parts_stay_unconnected():
+def test_unconnected_parts_stay_unconnected(method):
     from scipy.ndimage import label as components
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
     pore = np.random.default_rng(5).random((20, 20, 20)) < 0.3
-    net = network.extract(pore, 1.0)
+    net = network.extract(pore, 1.0, method)
     inner = ~net["pore.boundary"]
     net = network.subnetwork(net, inner)
     n = len(net["pore.coords"])
@@ -77,14 +82,14 @@ def test_boundary_pores_lie_outside_their_own_face(porous, extracted):
     assert ((inside > 0) & (inside < size)).all()
 
 
-def test_lengths_scale_with_the_voxel(porous, extracted):
-    other = network.extract(porous, 3.0)
+def test_lengths_scale_with_the_voxel(porous, extracted, method):
+    other = network.extract(porous, 3.0, method)
     for name, power in network.LENGTH_POWER.items():
         assert other[name] == pytest.approx(extracted[name] * 1.5**power, rel=1e-12), name
 
 
-def test_same_bytes_twice_and_back(porous, extracted, tmp_path):
-    again = network.extract(porous, 2.0)
+def test_same_bytes_twice_and_back(porous, extracted, method, tmp_path):
+    again = network.extract(porous, 2.0, method)
     paths = [(tmp_path / f"p{i}.csv", tmp_path / f"t{i}.csv") for i in (0, 1)]
     for net, (pores, throats) in zip((extracted, again), paths, strict=True):
         network.save(net, pores, throats)
@@ -108,10 +113,10 @@ def test_nothing_to_partition_gives_an_empty_network(fill, shape, tmp_path):
 
 
 @pytest.mark.parametrize("shape", [(1, 1, 7), (1, 6, 5), (2, 2, 2), (3, 2, 1)])
-def test_tiny_volumes(shape):
+def test_tiny_volumes(shape, method):
     pore = np.random.default_rng(1).random(shape) < 0.6
     pore.flat[0], pore.flat[-1] = True, False
-    net = network.extract(pore, 1.0)
+    net = network.extract(pore, 1.0, method)
     assert net["pore.volume"].sum() == pytest.approx(pore.sum())
 
 
@@ -142,14 +147,14 @@ def test_sizes_of_two_balls_and_a_speck():
     assert network.summarise(net).set_index("element").loc["coordination", "mean"] == 1
 
 
-def test_a_speck_on_the_watershed_links_nothing():
+def test_a_speck_on_the_watershed_links_nothing(method):
     # PoreSpy floods through the solid: a closed part without a marker would belong to both sides, a link
     pore = dumbbell(radius=6.0)
     pore[:, :, 14:16] = False
-    alone = network.extract(pore, 1.0)
+    alone = network.extract(pore, 1.0, method)
     pore[12:18, 12:18, 14:16] = False
     pore[21:23, 14:16, 12:18] = True
-    net = network.extract(pore, 1.0)
+    net = network.extract(pore, 1.0, method)
     assert len(alone["throat.conns"]) == len(net["throat.conns"]) == 0
 
 
@@ -161,3 +166,257 @@ def test_mistakes_are_named(tmp_path):
     (tmp_path / "p.csv").write_text("a,b\n1,2\n")
     with pytest.raises(InputError, match=r"pore\.coords"):
         network.load(tmp_path / "p.csv", tmp_path / "p.csv")
+
+
+# ---- topology: components and loops of the pore space, whatever the partition
+
+
+def tube(path: np.ndarray, radius: float, shape: tuple[int, int, int]) -> np.ndarray:
+    """Voxels nearer to a path (n, 3) than the radius."""
+    from scipy.ndimage import distance_transform_edt
+
+    away = np.ones(shape, bool)
+    away[tuple(np.round(path).astype(int).T)] = False
+    return distance_transform_edt(away) < radius
+
+
+def trefoil() -> np.ndarray:
+    """A knotted tube: as a space one loop, like the torus."""
+    t = np.linspace(0, 2 * np.pi, 4000)
+    path = np.stack([-np.sin(3 * t), np.sin(t) + 2 * np.sin(2 * t), np.cos(t) - 2 * np.cos(2 * t)], axis=1)
+    return tube(path * [8, 8, 8] + [13, 30, 30], 3.2, (27, 60, 60))
+
+
+def lattice(n: int, width: int = 3, pitch: int = 9) -> np.ndarray:
+    """Three sets of n x n square ducts that cross: a cubic lattice with its ends open."""
+    size = n * pitch
+    line = np.arange(size) % pitch < width
+    z, y, x = line[:, None, None], line[None, :, None], line[None, None, :]
+    return (z & y) | (z & x) | (y & x)
+
+
+def balls(centres: list[tuple[float, float, float]], radius: float, shape: tuple) -> np.ndarray:
+    z, y, x = np.indices(shape)
+    return np.any([(z - c) ** 2 + (y - b) ** 2 + (x - a) ** 2 < radius**2 for a, b, c in centres], axis=0)
+
+
+def blobs(seed: int, n: int = 48) -> np.ndarray:
+    from scipy.ndimage import gaussian_filter
+
+    field = gaussian_filter(np.random.default_rng(seed).standard_normal((n, n, n)), 1.5)
+    return field > np.quantile(field, 0.6)
+
+
+def shapes() -> dict[str, tuple[np.ndarray, tuple[int, int, int] | None]]:
+    """Pore spaces and, where known, their components, loops and cavities."""
+    z, y, x = np.indices((40, 40, 40)) - 19.5
+    r = np.sqrt(z**2 + y**2 + x**2)
+    torus = np.hypot(np.hypot(z, y) - 12, x) < 4.3
+    n = 3
+    loops = 3 * n * n * (n - 1) - n**3 + 1
+    rng = np.random.default_rng(4)
+    return {
+        "ball": (r < 15, (1, 0, 0)),
+        "hollow ball": ((r < 15) & (r > 7), (1, 0, 1)),
+        "ball in a shell": ((r < 15) & ((r > 9) | (r < 5)), (2, 0, 1)),
+        "torus": (torus, (1, 1, 0)),
+        "two linked rings": (
+            tube(
+                np.array([[12, 12 + 8 * np.cos(t), 14 + 8 * np.sin(t)] for t in np.linspace(0, 7, 900)]),
+                2,
+                (26, 26, 40),
+            )
+            | tube(
+                np.array([[12 + 8 * np.cos(t), 12, 24 + 8 * np.sin(t)] for t in np.linspace(0, 7, 900)]),
+                2,
+                (26, 26, 40),
+            ),
+            (2, 2, 0),
+        ),
+        "trefoil": (trefoil(), (1, 1, 0)),
+        "lattice": (lattice(n), (1, loops, 0)),
+        "hollow torus": (torus & ~(np.hypot(np.hypot(z, y) - 12, x) < 2.1), (1, 2, 1)),
+        "noise": (rng.random((12, 13, 14)) < 0.5, None),
+        "dense noise": (rng.random((12, 13, 14)) < 0.8, None),
+        "blobs": (blobs(7), None),
+    }
+
+
+@pytest.mark.parametrize("name", shapes())
+@pytest.mark.parametrize("persistence", [0.0, 0.1, 0.6])
+def test_network_has_the_components_and_loops_of_the_pore_space(name, persistence):
+    pore, known = shapes()[name]
+    counted = network.pore_betti_numbers(pore)
+    if known is not None:
+        assert counted == known
+    net = network.extract(pore, 1.0, persistence=persistence)
+    assert network.betti_numbers(net) == counted[:2]
+
+
+def test_berea_keeps_its_topology(shared_data):
+    import tifffile
+
+    pore = tifffile.imread(shared_data / "berea" / "berea_400_pore1.tif")[:100, 50:150, 100:200] == 1
+    net = network.extract(pore, 5.345)
+    assert network.betti_numbers(net) == network.pore_betti_numbers(pore)[:2]
+
+
+def test_a_pore_that_is_a_ring_has_a_throat_to_itself():
+    torus, _ = shapes()["torus"]
+    net = network.extract(torus, 1.0)
+    assert net["throat.conns"].tolist() == [[0, 0]]
+    assert net["throat.cross_sectional_area"][0] == pytest.approx(np.pi * 4.3**2, rel=0.15)
+    assert network.coordination_numbers(net).tolist() == [2]
+
+
+def test_two_channels_between_two_balls_are_two_throats_and_a_loop():
+    pore = balls([(10, 12, 12), (32, 12, 12)], 9.5, (24, 24, 44))
+    for y in (6, 17):
+        pore[11:14, y : y + 3, 8:34] = True
+    net = network.extract(pore, 1.0)
+    assert net["throat.conns"].tolist() == [[0, 1], [0, 1]]
+    assert not net["throat.disc_bounding"].any()
+    assert network.betti_numbers(net) == (1, 1)
+
+
+def test_three_balls_that_meet_bound_a_disc_unless_there_is_a_hole():
+    corners = [(20 + 9 * np.cos(t), 20 + 9 * np.sin(t), 16) for t in np.arange(3) * 2 * np.pi / 3]
+    met = balls(corners, 9.6, (33, 40, 40))
+    whole = network.extract(met, 1.0)
+    assert sorted(whole["throat.conns"].tolist()) == [[0, 1], [0, 2], [1, 2]]
+    assert whole["throat.disc_bounding"].sum() == 1  # all three conduct, and one closes no loop of the space
+    met[:, 18:23, 18:23] = False
+    holed = network.extract(met, 1.0)
+    assert sorted(holed["throat.conns"].tolist()) == [[0, 1], [0, 2], [1, 2]]
+    assert not holed["throat.disc_bounding"].any()
+
+
+# ---- the partition
+
+
+def test_pores_do_not_depend_on_the_order_of_the_axes_nor_on_threads():
+    pore = blobs(2)
+    first = network.extract(pore, 1.0)
+    again = network.extract(pore, 1.0, threads=2)
+    assert all(np.array_equal(first[name], again[name]) for name in first)
+    n, m = len(first["pore.coords"]), len(first["throat.conns"])
+    turned = network.extract(np.ascontiguousarray(pore.transpose(2, 0, 1)), 1.0)
+    assert len(turned["pore.coords"]) == pytest.approx(n, rel=0.005)
+    assert len(turned["throat.conns"]) == pytest.approx(m, rel=0.01)  # a hundred pores of a few voxels
+    for name in ("pore.volume", "throat.cross_sectional_area", "throat.total_length"):
+        assert turned[name].sum() == pytest.approx(first[name].sum(), rel=0.01), name
+
+
+def test_magnification_changes_no_number():
+    small = balls([(9, 10, 10), (19, 10, 10), (28, 12, 10)], 7.2, (20, 22, 38))
+    large = np.kron(small, np.ones((3, 3, 3), bool))
+    one, other = (network.extract(p, 1.0) for p in (small, large))
+    assert other["throat.conns"].tolist() == one["throat.conns"].tolist()
+
+
+def test_pores_fall_with_persistence():
+    counts = [network.partition(blobs(1), persistence=h).peaks.size for h in (0, 0.2, 0.4, 0.8)]
+    assert counts == sorted(counts, reverse=True)
+    assert counts[0] > counts[-1]
+    with pytest.raises(InputError, match=r"network\.persistence"):
+        network.extract(blobs(1), 1.0, persistence=1.0)
+
+
+def test_partition_covers_the_pore_space_with_connected_pores():
+    from scipy.ndimage import label
+
+    pore = blobs(3)
+    parts = network.partition(pore)
+    assert np.array_equal(parts.labels > 0, pore)
+    assert all(label(parts.labels == i)[1] == 1 for i in range(1, parts.peaks.size + 1))
+    radius = parts.squared_distance.ravel()[parts.peaks]
+    assert (np.diff(radius.astype(int)) <= 0).all()
+
+
+# ---- geometry
+
+
+def test_a_ball_is_measured():
+    pore = balls([(20, 20, 20)], 15.3, (41, 41, 41))
+    net = network.extract(pore, 2.0)
+    assert net["pore.coords"] == pytest.approx(np.full((1, 3), 41.0))
+    assert net["pore.surface_area"][0] == pytest.approx(4 * np.pi * 30.6**2, rel=0.04)
+    assert net["pore.inscribed_diameter"][0] == pytest.approx(61.2, abs=2)
+    assert net["pore.shape_factor"][0] == pytest.approx(1 / (6 * np.pi), rel=0.05)
+
+
+@pytest.mark.parametrize("normal", [(1, 0, 0), (1, 1, 0), (1, 1, 1), (1, 0.5, 0.2)])
+@pytest.mark.parametrize("section", ["circle", "square"])
+def test_throat_across_any_direction(normal, section):
+    """A straight neck between two widenings: area, perimeter and shape factor of its section."""
+    n = np.array(normal) / np.linalg.norm(normal)
+    u = np.cross(n, [0.3, 0.2, 0.9])
+    u /= np.linalg.norm(u)
+    place = np.indices((56, 56, 56)).reshape(3, -1).T - 27.4
+    along, a, b = place @ n, place @ u, place @ np.cross(n, u)
+    reach = 6 * (1 + np.maximum(0, abs(along) - 3) / 14)
+    across = np.hypot(a, b) if section == "circle" else np.maximum(abs(a), abs(b))
+    pore = ((across < reach) & (abs(along) < 22)).reshape(56, 56, 56)
+    net = network.extract(pore, 1.0)
+    area, perimeter = (np.pi * 36, np.pi * 12) if section == "circle" else (144, 48)
+    neck = net["throat.cross_sectional_area"].argmax()  # corners of the ends may be pores of their own
+    assert net["throat.conns"][neck].tolist() == [0, 1]
+    assert net["throat.cross_sectional_area"][neck] == pytest.approx(area, rel=0.08)
+    assert net["throat.perimeter"][neck] == pytest.approx(perimeter, rel=0.08)
+    assert net["throat.shape_factor"][neck] == pytest.approx(area / perimeter**2, rel=0.1)
+    assert net["throat.inscribed_diameter"][neck] == pytest.approx(12, abs=2)
+    assert net["throat.half_lengths"][neck].sum() == pytest.approx(net["throat.total_length"][neck])
+
+
+def test_openings_of_a_duct():
+    pore = np.zeros((20, 24, 30), bool)
+    pore[4:14, 5:17] = True
+    net = network.extract(pore, 1.0)
+    assert network.coordination_numbers(net).tolist() == [2, 1, 1]
+    assert net["pore.xmin"].sum() == net["pore.xmax"].sum() == 1
+    assert net["pore.boundary"].sum() == 2
+    assert net["throat.cross_sectional_area"] == pytest.approx([120, 120])
+    assert net["throat.perimeter"] == pytest.approx([44, 44], rel=0.12)  # Sobel rounds four corners
+    assert net["throat.total_length"].sum() == pytest.approx(30 + 1, abs=1)
+
+
+# ---- files of other programs
+
+
+def test_statoil_files(porous, tmp_path):
+    pytest.importorskip("openpnm")
+    import openpnm
+
+    net = network.extract(porous, 2.0)
+    size = tuple(2.0 * n for n in porous.shape[::-1])
+    network.save_statoil(net, tmp_path / "rock", size)
+    back = openpnm.io.network_from_statoil(path=tmp_path, prefix="rock")
+    inner = ~net["pore.boundary"]
+    n = inner.sum()
+    assert (tmp_path / "rock_node1.dat").read_text().split()[0] == str(n)
+    assert back["pore.coords"][:n] == pytest.approx(net["pore.coords"][inner] * 1e-6, rel=1e-5)
+    conns = net["throat.conns"]
+    known = inner | net["pore.xmin"] | net["pore.xmax"]
+    through = known[conns].all(axis=1) & (conns[:, 0] != conns[:, 1])
+    rows = np.loadtxt(tmp_path / "rock_link1.dat", skiprows=1)
+    assert len(rows) == through.sum()
+    assert (rows[:, 2] == -1).sum() == net["pore.xmin"].sum()
+    assert (rows[:, 2] == 0).sum() == net["pore.xmax"].sum()
+    assert rows[:, 3] == pytest.approx(net["throat.inscribed_diameter"][through] / 2 * 1e-6, rel=1e-5)
+    lengths = np.loadtxt(tmp_path / "rock_link2.dat")[:, 3:6]
+    assert (lengths >= 0).all()
+    assert lengths.sum(axis=1) == pytest.approx(rows[:, 5], rel=1e-4)
+    volumes = np.loadtxt(tmp_path / "rock_node2.dat")[:, 1]
+    assert volumes.sum() == pytest.approx(np.count_nonzero(porous) * 8e-18, rel=1e-4)
+
+
+def test_vtp(extracted, tmp_path):
+    pyvista = pytest.importorskip("pyvista")
+    network.save_vtp(extracted, tmp_path / "net.vtp")
+    back = pyvista.read(tmp_path / "net.vtp")
+    assert np.asarray(back.points) == pytest.approx(extracted["pore.coords"])
+    assert np.array_equal(back.lines.reshape(-1, 3)[:, 1:], extracted["throat.conns"])
+    assert np.array_equal(back.point_data["pore.volume"], extracted["pore.volume"])
+    assert np.array_equal(back.cell_data["throat.half_lengths"], extracted["throat.half_lengths"])
+    network.save_vtp(network.empty(), tmp_path / "nothing.vtp")
+    assert pyvista.read(tmp_path / "nothing.vtp").n_points == 0

@@ -268,4 +268,4 @@ def test_exports(finished):
     folder = twin(finished) / "export"
     size = json.loads((finished / "results/tiny/full/scene.json").read_text())["shape_zyx"]
     assert (folder / "twin.raw").stat().st_size == np.prod(size)
-    assert {p.suffix for p in folder.iterdir()} == {".mhd", ".raw", ".vti", ".glb", ".stl"}
+    assert {p.suffix for p in folder.iterdir()} == {".mhd", ".raw", ".vti", ".glb", ".stl", ".vtp", ".dat"}

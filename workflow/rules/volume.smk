@@ -57,12 +57,19 @@ rule export:
         library=f"{SAMPLE}/grains3d",
         bodies=f"{TWIN}/bodies.csv",
         twin=f"{TWIN}/twin.zarr.zip",
+        pores=f"{TWIN}/network_pores.csv",
+        throats=f"{TWIN}/network_throats.csv",
     output:
         metaimage=f"{TWIN}/export/twin.mhd",
         raw=f"{TWIN}/export/twin.raw",
         vti=f"{TWIN}/export/twin.vti",
         glb=f"{TWIN}/export/grains.glb",
         stl=f"{TWIN}/export/grains.stl",
+        vtp=f"{TWIN}/export/network.vtp",
+        statoil=[
+            f"{TWIN}/export/network_{part}.dat"
+            for part in ("node1", "node2", "link1", "link2")
+        ],
     log:
         f"{TWIN}/logs/export.log",
     benchmark:
@@ -73,7 +80,7 @@ rule export:
         mem_mb=4000,
         runtime=30,
     params:
-        science=science("volume", "grains"),
+        science=science("volume", "grains", "network"),
     script:
         "../../scripts/export.py"
 

@@ -83,10 +83,11 @@ def save_vtp(network: Network, path: str | Path) -> None:
     import pyvista
 
     conns = network["throat.conns"]
-    lines = np.concatenate([np.full((len(conns), 1), 2), conns], axis=1)
-    mesh = pyvista.PolyData(network["pore.coords"], lines=lines) if len(conns) else pyvista.PolyData()
+    mesh = pyvista.PolyData()
+    mesh.points = network["pore.coords"]
+    mesh.lines = np.concatenate([np.full((len(conns), 1), 2), conns], axis=1).ravel()
     for name, values in network.items():
-        if name in ("pore.coords", "throat.conns"):
+        if name in ("pore.coords", "throat.conns") or len(values) == 0:
             continue
         data = mesh.point_data if name.startswith("pore.") else mesh.cell_data
         data[name] = values.astype(np.uint8) if values.dtype == bool else values

@@ -151,20 +151,20 @@ def _normal(labels, z, y, x, axis, side):
 @njit(cache=True)
 def _wall(labels, z, y, x):
     """Area of the wall in a pore voxel."""
-    nz, ny, nx = labels.shape
     area = 0.0
-    if z > 0 and labels[z - 1, y, x] == 0:
-        area += abs(_normal(labels, z, y, x, 0, -1)[0])
-    if z < nz - 1 and labels[z + 1, y, x] == 0:
-        area += abs(_normal(labels, z, y, x, 0, 1)[0])
-    if y > 0 and labels[z, y - 1, x] == 0:
-        area += abs(_normal(labels, z, y, x, 1, -1)[1])
-    if y < ny - 1 and labels[z, y + 1, x] == 0:
-        area += abs(_normal(labels, z, y, x, 1, 1)[1])
-    if x > 0 and labels[z, y, x - 1] == 0:
-        area += abs(_normal(labels, z, y, x, 2, -1)[2])
-    if x < nx - 1 and labels[z, y, x + 1] == 0:
-        area += abs(_normal(labels, z, y, x, 2, 1)[2])
+    for axis in range(3):
+        for side in (-1, 1):
+            a, b, c = z, y, x
+            if axis == 0:
+                a += side
+            elif axis == 1:
+                b += side
+            else:
+                c += side
+            if not (0 <= a < labels.shape[0] and 0 <= b < labels.shape[1] and 0 <= c < labels.shape[2]):
+                continue
+            if labels[a, b, c] == 0:
+                area += abs(_normal(labels, z, y, x, axis, side)[axis])
     return area
 
 

@@ -17,6 +17,10 @@ DIGITISATION_VOXELS = 1.0
 """Two distances measured to voxel centres differ by chance by up to one voxel: no maximum is finer."""
 
 
+CHUNK = 1 << 16
+"""First length of what grows during a sweep."""
+
+
 @dataclass(frozen=True)
 class Partition:
     """The pores of a volume, voxel by voxel.
@@ -86,7 +90,14 @@ def partition(pore: np.ndarray, *, persistence: float = PERSISTENCE, threads: in
     order = np.empty(np.count_nonzero(squared), np.int32 if squared.size < 2**31 else np.int64)
     _sort_falling(squared, order)
     labels, tree = np.zeros(squared.size, np.int32), np.zeros(squared.size, np.uint8)
-    peaks = _flood(squared, order, pore.shape, persistence, DIGITISATION_VOXELS, labels, tree)
+    component, basin, top = (np.zeros(CHUNK, kind) for kind in (np.int32, np.int32, np.int64))
+    saddles = np.zeros((3, CHUNK), np.int64)
+    at = np.zeros(3, np.int64)
+    rule = (persistence, DIGITISATION_VOXELS)
+    while not _flood(squared, order, pore.shape, *rule, labels, tree, component, basin, top, saddles, at):
+        component, basin, top = (longer(a) for a in (component, basin, top))
+        saddles = np.concatenate([saddles, np.zeros_like(saddles)], axis=1)
+    peaks = _number(labels, basin, top, at[1])
     whole = (a.reshape(pore.shape) for a in (labels, squared, tree))
     return Partition(*whole, order, peaks)
 
@@ -116,33 +127,30 @@ def find_root(parent, i):
     return i
 
 
-@njit(cache=True)
-def _grown(values):
-    longer = np.empty(2 * values.size, values.dtype)
-    longer[: values.size] = values
-    return longer
+def longer(values: np.ndarray) -> np.ndarray:
+    """The array with as many zeros after it."""
+    return np.concatenate([values, np.zeros_like(values)])
 
 
 @njit(cache=True)
-def _flood(squared, order, shape, share, floor, labels, tree):
-    """One sweep of the filtration; fills `labels` and `tree` and returns the pores' peaks.
+def _flood(squared, order, shape, share, floor, labels, tree, component, basin, top, saddles, at):
+    """Sweep the filtration on from `at` (voxels swept, maxima, saddles waiting): whether it is finished.
 
-    `component` follows the merge tree of the superlevel sets, `basin` the cancellations. Both keep the
-    earliest, that is highest, maximum as root. Saddles of one height wait for each other and are taken by the
-    height of what lies around them, which does not depend on the order of the axes.
+    Stops where an array might overflow (arrays that grow in the loop itself cost more than all its work).
+    `component` follows the merge tree of the superlevel sets, `basin` the cancellations, both with the
+    earliest, that is highest, maximum as root; `top` is its voxel. Saddles (voxel, way to the neighbour,
+    height of what lies around both) wait for the others of their height and are taken by that rank, which
+    does not depend on the order of the axes.
     """
     nz, ny, nx = shape
     plane = ny * nx
     steps = np.array([plane, nx, 1])
-    component = np.empty(1024, np.int32)
-    basin = np.empty(1024, np.int32)
-    top = np.empty(1024, np.int64)  # voxel of the maximum
-    count = 0
     near = np.empty(6, np.int64)
-    # saddles of the level: voxel, way to the neighbour, height of what lies around them
-    saddle, saddle_way, saddle_rank = np.empty(64, np.int64), np.empty(64, np.int8), np.empty(64, np.int64)
-    waiting = 0
-    for turn in range(order.size):
+    first, count, waiting = at
+    for turn in range(first, order.size):
+        if count + 2 > top.size or waiting + 6 > saddles.shape[1]:
+            at[:] = turn, count, waiting
+            return False
         v = np.int64(order[turn])
         z = v // plane
         y = (v - z * plane) // nx
@@ -153,45 +161,45 @@ def _flood(squared, order, shape, share, floor, labels, tree):
         near[3] = v + nx if y < ny - 1 else -1
         near[4] = v - 1 if x > 0 else -1
         near[5] = v + 1 if x < nx - 1 else -1
-        best, height, way = 0, -1, 0
+        own = np.int64(squared[v])
+        best, height, way = 0, own, 0
         for k in range(6):
             w = near[k]
-            if w < 0 or labels[w] == 0:
+            if w < 0:
                 continue
             level = np.int64(squared[w])
-            if level > height or (
-                level == height
-                and labels[w] != best
-                and _precedes(squared, shape, w, labels[w], near[way], best)
+            if level < height or labels[w] == 0:
+                continue  # the lower have not been swept
+            if (
+                level > height
+                or best == 0
+                or (labels[w] != best and _precedes(squared, shape, w, labels[w], near[way], best))
             ):
                 best, height, way = labels[w], level, k
         if best == 0:
             count += 1
-            if count == top.size:
-                component, basin, top = _grown(component), _grown(basin), _grown(top)
             component[count] = basin[count] = count
             top[count] = v
             labels[v] = count
         else:
+            best = find_root(basin, best)
             labels[v] = best
             _join(tree, v, near[way], way)
             for k in range(6):
                 w = near[k]
-                if w < 0 or labels[w] == 0 or labels[w] == best:
+                if w < 0 or squared[w] < own or labels[w] == 0 or labels[w] == best:
                     continue
                 if find_root(component, best) != find_root(component, labels[w]):
-                    if waiting == saddle.size:
-                        saddle, saddle_way = _grown(saddle), _grown(saddle_way)
-                        saddle_rank = _grown(saddle_rank)
-                    saddle[waiting], saddle_way[waiting] = v, k
-                    saddle_rank[waiting] = -surroundings(squared, shape, v) - surroundings(squared, shape, w)
+                    saddles[0, waiting], saddles[1, waiting] = v, k
+                    rank = surroundings(squared, shape, v) + surroundings(squared, shape, w)
+                    saddles[2, waiting] = -rank
                     waiting += 1
         if waiting == 0 or (turn + 1 < order.size and squared[order[turn + 1]] == squared[v]):
             continue
         depth = np.sqrt(squared[v])
-        for i in np.argsort(saddle_rank[:waiting], kind="mergesort"):
-            k = saddle_way[i]
-            v, w = saddle[i], saddle[i] + (1 if k % 2 else -1) * steps[k // 2]
+        for i in np.argsort(saddles[2, :waiting], kind="mergesort"):
+            v, k = saddles[0, i], saddles[1, i]
+            w = v + (1 if k % 2 else -1) * steps[k // 2]
             elder, younger = find_root(component, labels[v]), find_root(component, labels[w])
             if elder == younger:
                 continue
@@ -204,6 +212,13 @@ def _flood(squared, order, shape, share, floor, labels, tree):
                 basin[max(one, other)] = min(one, other)
                 _join(tree, v, w, k)
         waiting = 0
+    at[:] = order.size, count, 0
+    return True
+
+
+@njit(cache=True)
+def _number(labels, basin, top, count):
+    """Number the pores by their maxima, in the order these were met, and return the maxima's voxels."""
     number = np.zeros(count + 1, np.int32)
     pores = 0
     for i in range(1, count + 1):

@@ -7,16 +7,20 @@ solid 26-connected. Its Betti numbers follow from counts, :math:`\beta_1 = \beta
 
 Give every pore the spanning tree along which it was grown. Tree edges are contracted; every other edge
 generates a loop, and every square says that its four edges sum to nothing (over :math:`Z_2`; a part of space
-has no torsion). Edges equal by these relations are one class (:func:`find_interfaces`): between two pores,
-one connected piece of their interface, a throat; inside a pore, a cut through a ring, a self-loop. What
-remains are relations of three or four classes, where three pores meet along a line. Of :math:`c` classes, on
-:math:`n` pores in :math:`\beta_0` components and with :math:`r` independent relations,
+has no torsion). Edges equal by these relations are one class: between two pores a piece of their interface,
+inside a pore a cut through a ring. Pieces that differ by cuts only are one throat. What remains are relations
+of three or four classes, where three pores meet along a line.
 
-.. math:: \beta_1(X) = c - (n - \beta_0) - r ,
+- The network of :math:`n` pores in :math:`\beta_0` components and :math:`m` throats has
+  :math:`m - n + \beta_0` loops, of which those that the relations span, :math:`r` independent ones, bound
+  discs in the pore space.
+- The loops inside pores, that is the cuts modulo all relations, are :math:`s` more: self-loops.
+- With them :math:`\beta_1(X) = m - n + \beta_0 - r + s`, whatever the partition: every loop of :math:`X` is a
+  closed walk over edges, which the network's walks cover, and what that map forgets lies inside pores.
 
-so that :math:`r` of the network's loops bound a disc in the pore space. Which throats close them is the
-persistence pairing of the filtration by distance (Edelsbrunner, Letscher & Zomorodian 2002): every relation,
-in falling order, ends the youngest, that is narrowest, class that it can (:func:`discs`).
+Which throats close the loops that bound discs is the persistence pairing of the filtration by distance
+(Edelsbrunner, Letscher & Zomorodian 2002): every relation, in falling order, ends the youngest, that is
+narrowest, throat that it can.
 """
 
 from __future__ import annotations
@@ -26,7 +30,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from grainfall.network.partition import Partition, _grown, find_root
+from grainfall.network.partition import CHUNK, Partition, find_root, longer
 
 
 @dataclass(frozen=True)
@@ -60,8 +64,7 @@ class Interfaces:
 def find_interfaces(parts: Partition) -> Interfaces:
     """Throats of a partition as the faces of their interfaces, with the topology of the pore space.
 
-    Throats come in falling order of their largest distance. A self-loop that bounds a disc (a pore around
-    another) is none of the pore space and left out.
+    Throats come in falling order of their largest distance.
 
     Parameters
     ----------
@@ -71,31 +74,48 @@ def find_interfaces(parts: Partition) -> Interfaces:
     -------
     Interfaces
     """
-    keys, classes, births, relations = _classes(
-        parts.labels.reshape(-1),
-        parts.squared_distance.reshape(-1),
-        parts.order,
-        parts.tree.reshape(-1),
-        parts.labels.shape,
-    )
-    alive = classes > 0
-    keys, classes = keys[alive], classes[alive]
-    # classes are numbered by falling birth
-    disc = _discs(relations, len(births))
-    flat = parts.labels.reshape(-1)
+    keys, classes, births, relations = _find_classes(parts)
     _, ny, nx = parts.labels.shape
     steps = np.array([ny * nx, nx, 1])
-    saddle_voxels, saddle_axes = births // 3, births % 3
-    ends = np.stack([flat[saddle_voxels], flat[saddle_voxels + steps[saddle_axes]]], axis=1) - 1
+    flat = parts.labels.reshape(-1)
+    ends = np.stack([flat[births // 3], flat[births // 3 + steps[births % 3]]], axis=1) - 1
     ends.sort(axis=1)
-    keep = ~(disc & (ends[:, 0] == ends[:, 1]))
-    number = np.cumsum(keep, dtype=np.int32) - 1
-    stays = keep[classes - 1]
-    keys, classes = keys[stays], number[classes[stays] - 1]
-    by_throat = np.lexsort((keys, classes))
-    keys, classes = keys[by_throat], classes[by_throat]
-    saddles = np.flatnonzero(keys == births[keep][classes])
-    return Interfaces(keys // 3, (keys % 3).astype(np.int8), classes, ends[keep], saddles, disc[keep])
+    cut = np.concatenate([[False], ends[:, 0] == ends[:, 1]])  # classes count from 1
+    throat = _pieces_of_one(relations, cut)
+    disc = _ended(np.where(cut, 0, throat)[relations], len(births))
+    # with cuts older than all throats, what the relations end of them are the cuts that others make up for
+    number = np.zeros(len(cut), np.int32)
+    number[1:][np.argsort(~cut[1:], kind="stable")] = np.arange(1, len(cut))
+    keep = np.where(cut, ~_ended(number[relations], len(births))[number], throat == np.arange(len(cut)))
+    keep[0] = False
+    final = (np.cumsum(keep, dtype=np.int32) - 1)[throat[classes]]
+    inside = keep[throat[classes]]
+    keys, final = keys[inside], final[inside]
+    by_throat = np.lexsort((keys, final))
+    keys, final = keys[by_throat], final[by_throat]
+    kept = keep[1:]
+    saddles = np.flatnonzero(keys == births[kept][final])
+    return Interfaces(
+        keys // 3, (keys % 3).astype(np.int8), final, ends[kept], saddles, (disc & ~cut)[1:][kept]
+    )
+
+
+@njit(cache=True)
+def _pieces_of_one(relations, cut):
+    """First class of the throat of every class: pieces of interface are one where only cuts part them."""
+    parent = np.arange(cut.size, dtype=np.int32)
+    for row in relations:
+        one, two, pieces = 0, 0, 0
+        for c in row:
+            if c > 0 and not cut[c]:
+                pieces += 1
+                one, two = two, c
+        if pieces == 2:
+            one, two = find_root(parent, one), find_root(parent, two)
+            parent[max(one, two)] = min(one, two)
+    for c in range(cut.size):
+        parent[c] = find_root(parent, c)
+    return parent
 
 
 @njit(cache=True)
@@ -110,21 +130,12 @@ def _slot(table, keys, key):
 
 
 @njit(cache=True)
-def _enter(table, keys, count):
-    """A table twice as large with the first `count` keys."""
-    larger = np.full(2 * table.size, -1, np.int32)
+def _enter(keys, count, size):
+    """A table with the first `count` keys."""
+    table = np.full(size, -1, np.int32)
     for p in range(count):
-        larger[_slot(larger, keys, keys[p])] = p
-    return larger
-
-
-@njit(cache=True)
-def _class_of(p, q, steps_way, parent, marked, table, keys, classes):
-    """Class of the edge between two neighbours, both swept; 0 where it is contracted."""
-    low = min(p, q)
-    if not marked[low] & np.uint8(8 << steps_way):
-        return np.int32(0)
-    return np.int32(find_root(parent, classes[table[_slot(table, keys, low * 3 + steps_way)]]))
+        table[_slot(table, keys, keys[p])] = p
+    return table
 
 
 @njit(cache=True)
@@ -148,37 +159,64 @@ def _reduce(terms, count):
     return left
 
 
+def _find_classes(parts: Partition) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Classes of the edges of a partition.
+
+    Returns
+    -------
+    keys : (f,) int64
+        Edges that were of a class, as 3 * voxel + axis.
+    classes : (f,) int32
+        Their classes, 1 ... c by falling birth, or 0 where it has turned out to be contracted.
+    births : (c,) int64
+        The edge with which each class was born.
+    relations : (k, 4) int32
+        Classes that sum to nothing, three or four and the rest 0, in falling order.
+    """
+    shape, tree = parts.labels.shape, parts.tree.reshape(-1)
+    sweep = (parts.squared_distance.reshape(-1), parts.order, tree, shape)
+    keys, classes = np.zeros(CHUNK, np.int64), np.zeros(CHUNK, np.int32)
+    table = np.full(2 * CHUNK, -1, np.int32)
+    parent, birth = np.zeros(CHUNK, np.int32), np.zeros(CHUNK, np.int64)
+    relations, recent = np.zeros((CHUNK, 4), np.int32), np.zeros((CHUNK, 4), np.int32)
+    at = np.zeros(4, np.int64)
+    while not _sweep(*sweep, keys, classes, table, parent, birth, relations, recent, at):
+        _, faces, count, related = at
+        if faces + 6 > len(keys):
+            keys, classes = longer(keys), longer(classes)
+            table = _enter(keys, faces, 2 * len(table))
+        if count + 7 > len(parent):
+            parent, birth = longer(parent), longer(birth)
+        if related + 12 > len(relations):
+            relations = longer(relations)
+    _, faces, count, related = at
+    keys, classes = keys[:faces], classes[:faces]
+    living, related = _settle(keys, classes, tree, parent, birth, count, relations, related)
+    return keys, classes, birth[1 : living + 1], relations[:related]
+
+
 @njit(cache=True)
-def _classes(labels, squared, order, tree, shape):
-    """Sweep the filtration once more and sort its edges into classes.
+def _sweep(squared, order, tree, shape, keys, classes, table, parent, birth, relations, recent, at):
+    """Sweep the filtration on from `at` (voxels swept, faces, classes, relations): whether it is finished.
 
     Class 0 is contracted. A class is born with an edge that no square ties to earlier ones, and is united
-    with another, or with 0, by squares of two, or one, classes; squares of more are kept as relations.
-
-    Returns the edges that were of a class (3 * voxel + axis) and their classes, 1 ... c by falling birth or
-    0, the edge of each birth, and relations (k, 4) of classes, padded by 0, in falling order.
+    with another, or with 0, by squares of two, or one, classes; squares of more are kept as relations, each
+    but once where it comes again soon. Stops where an array might overflow.
     """
     nz, ny, nx = shape
     plane = ny * nx
-    keys = np.empty(1 << 12, np.int64)
-    classes = np.empty(1 << 12, np.int32)
-    table = np.full(1 << 13, -1, np.int32)
-    faces = 0
-    parent = np.zeros(1 << 12, np.int32)
-    birth = np.empty(1 << 12, np.int64)
-    count = 0
-    relations = np.empty((1 << 12, 4), np.int32)
-    related = 0
-    recent = np.zeros((1 << 12, 4), np.int32)
     near = np.empty(6, np.int64)
     own = np.empty(6, np.int32)
     linked = np.empty(6, np.int64)
-    first = np.empty((6, 6), np.int32)
-    second = np.empty((6, 6), np.int32)
+    opposite = np.empty((2, 6, 6), np.int32)
     square = np.empty((6, 6), np.bool_)
     terms = np.empty(4, np.int32)
-    for voxel in order:
-        v = np.int64(voxel)
+    first, faces, count, related = at
+    for turn in range(first, order.size):
+        if faces + 6 > keys.size or count + 7 > parent.size or related + 12 > relations.shape[0]:
+            at[:] = turn, faces, count, related
+            return False
+        v = np.int64(order[turn])
         z = v // plane
         y = (v - z * plane) // nx
         x = v - z * plane - y * nx
@@ -219,15 +257,16 @@ def _classes(labels, squared, order, tree, shape):
                 w = near[a] + near[b] - v
                 if squared[w] > height or (squared[w] == height and w < v):
                     square[a, b] = square[b, a] = True
-                    first[a, b] = first[b, a] = _class_of(
-                        near[a], w, b // 2, parent, tree, table, keys, classes
-                    )
-                    second[a, b] = second[b, a] = _class_of(
-                        near[b], w, a // 2, parent, tree, table, keys, classes
-                    )
+                    for other in range(2):
+                        corner, axis = (near[b], a // 2) if other else (near[a], b // 2)
+                        c = np.int32(0)
+                        if tree[min(corner, w)] & np.uint8(8 << axis):
+                            key = min(corner, w) * 3 + axis
+                            c = np.int32(find_root(parent, classes[table[_slot(table, keys, key)]]))
+                        opposite[other, a, b] = opposite[other, b, a] = c
+                        flat_squares &= c == 0
                     linked[a] |= 1 << b
                     linked[b] |= 1 << a
-                    flat_squares &= first[a, b] == 0 and second[a, b] == 0
         if flat_squares:
             # nearly everywhere all edges are tied to a tree edge by squares that are otherwise contracted
             before = 0
@@ -248,7 +287,7 @@ def _classes(labels, squared, order, tree, shape):
                     for a in range(6):
                         if a // 2 == b // 2 or near[a] < 0 or own[a] < 0 or not square[a, b]:
                             continue
-                        terms[0], terms[1], terms[2] = own[a], first[a, b], second[a, b]
+                        terms[0], terms[1], terms[2] = own[a], opposite[0, a, b], opposite[1, a, b]
                         left = _reduce(terms, 3)
                         if left < 2:
                             own[b] = terms[0] if left else 0
@@ -259,8 +298,6 @@ def _classes(labels, squared, order, tree, shape):
                 for b in range(6):
                     if near[b] >= 0 and own[b] < 0:
                         count += 1
-                        if count == parent.size:
-                            parent, birth = _grown(parent), _grown(birth)
                         parent[count] = count
                         birth[count] = min(v, near[b]) * 3 + b // 2
                         own[b] = count
@@ -272,12 +309,12 @@ def _classes(labels, squared, order, tree, shape):
             for b in range(2 * (a // 2) + 2, 6):
                 if near[b] < 0 or not square[a, b]:
                     continue
-                if own[a] == own[b] and first[a, b] == second[a, b]:
+                if own[a] == own[b] and opposite[0, a, b] == opposite[1, a, b]:
                     continue
                 terms[0] = find_root(parent, own[a])
                 terms[1] = find_root(parent, own[b])
-                terms[2] = find_root(parent, first[a, b])
-                terms[3] = find_root(parent, second[a, b])
+                terms[2] = find_root(parent, opposite[0, a, b])
+                terms[3] = find_root(parent, opposite[1, a, b])
                 left = _reduce(terms, 4)
                 if left == 1:
                     parent[terms[0]] = 0
@@ -287,34 +324,31 @@ def _classes(labels, squared, order, tree, shape):
                     for i in range(left, 4):
                         terms[i] = 0
                     h = terms[0] * 73856093 ^ terms[1] * 19349663 ^ terms[2] * 83492791 ^ terms[3] * 49979687
-                    seen = recent[h & (recent.shape[0] - 1)]
-                    if (
-                        seen[0] == terms[0]
-                        and seen[1] == terms[1]
-                        and seen[2] == terms[2]
-                        and seen[3] == terms[3]
-                    ):
-                        continue
-                    seen[:] = terms
-                    if related == relations.shape[0]:
-                        longer = np.empty((2 * related, 4), np.int32)
-                        longer[:related] = relations
-                        relations = longer
-                    relations[related] = terms
-                    related += 1
+                    h &= recent.shape[0] - 1
+                    again = True
+                    for i in range(4):
+                        again &= recent[h, i] == terms[i]
+                        recent[h, i] = relations[related, i] = terms[i]
+                    related += not again
         for k in range(6):
             if near[k] >= 0 and own[k] > 0:
                 low = min(v, near[k])
                 tree[low] |= np.uint8(8 << (k // 2))
-                if faces == keys.size:
-                    keys, classes = _grown(keys), _grown(classes)
-                if 2 * faces > table.size:
-                    table = _enter(table, keys, faces)
                 keys[faces] = low * 3 + k // 2
                 classes[faces] = own[k]
                 table[_slot(table, keys, keys[faces])] = faces
                 faces += 1
-    # relations that the unions have shortened unite further classes
+    at[:] = order.size, faces, count, related
+    return True
+
+
+@njit(cache=True)
+def _settle(keys, classes, tree, parent, birth, count, relations, related):
+    """Number the classes that are left, in place; returns how many there are, of classes and relations.
+
+    Relations that the unions have shortened unite further classes.
+    """
+    terms = np.empty(4, np.int32)
     changed = True
     while changed:
         changed = False
@@ -341,18 +375,20 @@ def _classes(labels, squared, order, tree, shape):
             living += 1
             number[c] = living
             birth[living] = birth[c]
-    for f in range(faces):
+    for f in range(keys.size):
         tree[keys[f] // 3] &= np.uint8(7)
         classes[f] = number[find_root(parent, classes[f])]
     for r in range(related):
         for i in range(4):
             relations[r, i] = number[relations[r, i]]
-    return (
-        keys[:faces].copy(),
-        classes[:faces].copy(),
-        birth[1 : living + 1].copy(),
-        relations[:related].copy(),
-    )
+    return living, related
+
+
+@njit(cache=True)
+def _grown(values):
+    twice = np.empty(2 * values.size, values.dtype)
+    twice[: values.size] = values
+    return twice
 
 
 @njit(cache=True)
@@ -388,13 +424,13 @@ def _pop(heap, size):
 
 
 @njit(cache=True)
-def _discs(relations, count):
-    """Classes 1 ... `count`, numbered by falling birth, that the relations end: (count,) bool.
+def _ended(relations, count):
+    """Classes 0 ... `count`, the older the lower, that the relations end: (count + 1,) bool.
 
     The standard reduction of persistent homology: every relation is added to by earlier ones until its
     youngest class is no earlier one's, or nothing is left of it.
     """
-    ends = np.zeros(count, np.bool_)
+    ends = np.zeros(count + 1, np.bool_)
     start = np.zeros(count + 1, np.int64)  # in `reduced`, of the relation that ends a class
     length = np.zeros(count + 1, np.int32)
     reduced = np.empty(1 << 12, np.int32)
@@ -412,7 +448,7 @@ def _discs(relations, count):
                 size = _pop(heap, size)
                 continue
             if length[youngest] == 0:
-                ends[youngest - 1] = True
+                ends[youngest] = True
                 start[youngest] = used
                 length[youngest] = 1
                 while used + size + 1 > reduced.size:

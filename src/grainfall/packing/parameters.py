@@ -51,7 +51,8 @@ class Parameters:
         How PhysX finds the contact points of two hulls while grains are poured: a few kept from step to step
         (as the paper says), or all of them anew in every step, as always where the step is shorter than the
         default; that takes 1.7 times as long. Kept points let a bed of hulls shiver and creep together
-        (``make bench-creep``), so the poured bed always comes to rest with full ones.
+        (``make bench-creep``), so the poured bed always comes to rest with full ones, and a ``sleep_speed``
+        much below the default wants full ones throughout: shivering grains never fall asleep.
     contact_breaking : float
         Distance, engine units, at which Bullet drops a contact point that it keeps from step to step. At its
         own 0.02, points that no longer touch go on bearing: the demo's grains pour to a porosity higher by

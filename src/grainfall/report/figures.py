@@ -255,7 +255,7 @@ def sizes_figure(
         name = "pore circles" if pore else (phases[phase] if phase < len(phases) else f"mineral {phase}")
         top.set_title(name)
 
-        # counted samples are shown on wider bins than the unfolding used, or noise is all one sees
+        # all on wider bins than the unfolding used, or noise is all one sees
         wide, f2d = _merged(edges, table["f2d"].to_numpy())
         top.stairs(f2d, wide, fill=True, color=to_rgba(colour, 0.45))
         top.stairs(f2d, wide, color=SECTION, lw=1.0, label="section, as seen")
@@ -266,11 +266,11 @@ def sizes_figure(
                 seen = seen[seen["phase"] == phase]
             _density(top, seen["r_um"], seen["weight"], wide, TWIN, "-", "twin, slices")
 
+        f3d, lower, upper = (_merged(edges, table[c].to_numpy())[1] for c in ("f3d", "lower", "upper"))
         bottom.stairs(
-            table["upper"], edges, baseline=table["lower"], fill=True, color=to_rgba(colour, 0.35),
-            label="bootstrap band",
-        )  # fmt: skip
-        bottom.stairs(table["f3d"], edges, color=SECTION, lw=1.4, label="section, unfolded")
+            upper, wide, baseline=lower, fill=True, color=to_rgba(colour, 0.35), label="bootstrap band"
+        )
+        bottom.stairs(f3d, wide, color=SECTION, lw=1.4, label="section, unfolded")
         if truth is not None and not pore:
             of_phase = truth.loc[truth["phase"] == phase, "r_um"]
             _density(bottom, of_phase, None, wide, TRUTH, (0, (4, 1.5)), "truth")
