@@ -152,7 +152,7 @@ def main() -> None:
     options.add_argument("--samples", nargs="+", default=["arrays", "andra", "berea"])
     options.add_argument("--methods", nargs="+", default=[*NETWORKS, "elliptic", "direct"])
     options.add_argument("--cubes", nargs="+", type=int, default=list(range(27)))
-    options.add_argument("--andra", nargs="+", type=int, default=[64, 96, 128], help="voxels along the pack")
+    options.add_argument("--andra", nargs="+", type=int, default=[96, 128, 192], help="voxels along the pack")
     options.add_argument("--out", type=Path, default=Path("results/benchmarks/permeability.csv"))
     given = options.parse_args()
     table = Table(given.out)

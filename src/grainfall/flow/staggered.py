@@ -161,7 +161,7 @@ def _sides_of_faces(
         return np.roll(pore, 1, axis), pore
     first, last = pore.take([0], axis), pore.take([-1], axis)
     if closed:  # halfway between d and -d lies the wall
-        first, last = (~first & False, ~last & False) if pore.dtype == bool else (-first, -last)
+        first, last = (np.zeros_like(first), np.zeros_like(last)) if pore.dtype == bool else (-first, -last)
     return np.concatenate([first, pore], axis), np.concatenate([pore, last], axis)
 
 
