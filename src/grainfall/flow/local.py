@@ -196,19 +196,15 @@ class Pores:
             local = np.where(ports.unknowns[mine] < 0, -1, np.searchsorted(unknowns, ports.unknowns[mine]))
             means = np.unique(local[:, 0])
             voxels = self.voxels[self.starts[b] : self.starts[b + 1]]
-            darcy, dissipated, electrical = _answer(
-                self.labels,
-                b + 1,
-                voxels,
-                ports.voxel[mine],
-                ports.way[mine],
-                local,
-                ports.modes[mine],
-                means,
-                len(unknowns),
-                self.place,
-                self.mobility,
-            )
+            sides = ports.voxel[mine], ports.way[mine]
+            near, mobile = _stencil(self.labels, b + 1, voxels, *sides, self.place, self.mobility)
+            pressed = local, ports.modes[mine]
+            conducting = np.where(near == WALL, 0.0, np.where(near < WALL, 2.0, 1.0))
+            voltage = _potentials(near, conducting, *pressed, means, len(unknowns))
+            electrical, _ = _powers(near, conducting, *pressed, voltage)
+            pressure = _potentials(near, mobile, *pressed, means, len(unknowns))
+            darcy, velocity = _powers(near, mobile, *pressed, pressure)
+            dissipated = _dissipated(voxels, near, velocity, self.mobility)
             found[int(b)] = unknowns, _corrected(darcy, dissipated, means), electrical
         return found
 
@@ -262,19 +258,6 @@ def _between(answers: dict, kind: int, inlet: int) -> tuple[float, float]:
     rate = matrix @ pressure
     power = dot(pressure, rate)
     return power, abs(rate[inlet] + rate[inlet + 1]) / power
-
-
-@njit(cache=True)
-def _answer(labels, pore, voxels, port_voxel, port_way, unknowns, modes, means, k, place, mobility):
-    """Local solutions for each of the k unknowns of a pore, ``means`` of them mean pressures: their powers in
-    the elliptic model, what their velocities dissipate, and the powers of conduction, all (k, k)."""
-    near, hydraulic = _stencil(labels, pore, voxels, port_voxel, port_way, place, mobility)
-    electrical = np.where(near == WALL, 0.0, np.where(near < WALL, 2.0, 1.0))
-    potential = _potentials(near, electrical, unknowns, modes, means, k)
-    current = _powers(near, electrical, unknowns, modes, potential)[0]
-    potential = _potentials(near, hydraulic, unknowns, modes, means, k)
-    darcy, velocity = _powers(near, hydraulic, unknowns, modes, potential)
-    return darcy, _dissipated(labels, voxels, near, velocity, mobility), current
 
 
 WALL = -1
@@ -435,7 +418,7 @@ def _powers(near, weight, unknowns, modes, potential):
 
 
 @njit(cache=True)
-def _dissipated(labels, voxels, near, velocity, mobility):
+def _dissipated(voxels, near, velocity, mobility):
     """What the velocities dissipate within a pore (k, k): their differences squared, voxel by voxel.
 
     A face at an edge of the voxel has half of the friction with its neighbour across that edge, or with the
@@ -464,7 +447,7 @@ def _dissipated(labels, voxels, near, velocity, mobility):
                         for m in range(k):
                             rows[top, m] = half * (velocity[i, f, m] - velocity[j, f, m])
                         top += 1
-                elif j >= WALL or _closed_beyond(voxels[i], s, f, labels.shape, mobility):
+                elif j >= WALL or _closed_beyond(voxels[i], s, f, mobility):
                     for m in range(k):
                         rows[top, m] = velocity[i, f, m]
                     top += 1
@@ -473,16 +456,17 @@ def _dissipated(labels, voxels, near, velocity, mobility):
 
 
 @njit(cache=True)
-def _closed_beyond(v, s, f, shape, mobility):
+def _closed_beyond(v, s, f, mobility):
     """Whether face f of the voxel beyond face s is closed, be it beyond the volume."""
-    _, ny, nx = shape
+    _, nz, ny, nx = mobility.shape
+    nz, ny, nx = nz - 1, ny - 1, nx - 1
     z = v // (ny * nx)
     y = v // nx - z * ny
     x = v - (z * ny + y) * nx
     step = 2 * (s % 2) - 1
     a, c = s // 2, f // 2
     z, y, x = z + step * (a == 0), y + step * (a == 1), x + step * (a == 2)
-    if z < 0 or y < 0 or x < 0 or z == shape[0] or y == shape[1] or x == shape[2]:
+    if z < 0 or y < 0 or x < 0 or z == nz or y == ny or x == nx:
         return True
     t = f % 2
     return mobility[c, z + t * (c == 0), y + t * (c == 1), x + t * (c == 2)] == 0
