@@ -91,7 +91,7 @@ NETWORKS = {
     "shape_factor": ("persistence", "shape_factor", 0.2),
     "snow2": ("snow2", "pyramids", 0.25),
 }
-"""Extraction, conductance, and how well it knows ducts 12 and 16 voxels wide: a disc of voxels covers 3 % more
+"""Extraction, conductance, and how well it knows ducts 12 and 16 voxels wide: a disc of voxels has 3 % more
 area than the circle, inscribed circles are known to half a voxel, and snow2 makes one long pore of a duct."""
 
 

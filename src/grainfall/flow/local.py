@@ -215,10 +215,10 @@ def mobility(pore: np.ndarray) -> np.ndarray:
     Component c, at a voxel's index, is that of the voxel's lower face along axis c; 0 on closed faces. Walls
     hold it back, and the volume's sides across which it is; those along which it is let it pass.
     """
-    face, volume, matrix = friction(pore)
-    velocity = solve_symmetric(matrix, volume, Multigrid(matrix, face), CLOSE)
     dense = np.zeros((3, *np.add(pore.shape, 1)), np.float32)
-    dense[tuple(face.T)] = velocity
+    for component in range(3):
+        face, volume, matrix = friction(pore, component)
+        dense[tuple(face.T)] = solve_symmetric(matrix, volume, Multigrid(matrix, face), CLOSE)
     return dense
 
 

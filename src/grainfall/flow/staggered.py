@@ -128,27 +128,27 @@ def assemble(
     return Staggered(matrix, gradient, area, area * length, drive, face, cell, pore.shape, periodic)
 
 
-def friction(pore: np.ndarray) -> tuple[np.ndarray, np.ndarray, csr_array]:
-    """Friction of a pore space with its six sides open to flow across them, and walls to flow along them.
+def friction(pore: np.ndarray, component: int) -> tuple[np.ndarray, np.ndarray, csr_array]:
+    """Friction of one component of the velocity, the six sides open to flow across them and walls along them.
 
     Parameters
     ----------
     pore : (nz, ny, nx) array of bool
+    component : int
 
     Returns
     -------
     face : (n, 4) int
-        As in :class:`Staggered`.
     volume : (n,) float
     matrix : (n, n) csr_array
+        See :class:`Staggered`.
     """
-    pairs = [_sides_of_faces(pore, c, periodic=False, closed=False) for c in range(3)]
-    opened = [before & behind for before, behind in pairs]
-    face = np.concatenate([np.insert(np.argwhere(o), 0, c, axis=1) for c, o in enumerate(opened)])
-    face = face.astype(np.int32)
-    along = face[np.arange(len(face)), 1 + face[:, 0]]
-    at_end = (along == 0) | (along == np.array(pore.shape)[face[:, 0]])
-    length = np.where(at_end, 0.5, 1.0)
+    before, behind = _sides_of_faces(pore, component, periodic=False, closed=False)
+    opened = [np.zeros((0, 0, 0), bool)] * 3
+    opened[component] = before & behind
+    face = np.insert(np.argwhere(opened[component]), 0, component, axis=1).astype(np.int32)
+    along = face[:, 1 + component]
+    length = np.where((along == 0) | (along == pore.shape[component]), 0.5, 1.0)
     matrix, _ = _friction(face, opened, [], length, (False, False, False), (2.0, 2.0, 2.0))
     return face, length, matrix
 
