@@ -11,14 +11,19 @@ computed again: delete the file, or the rows, to measure anew.
   periodic cell of 1 mm, as voxels and as a distance field, ``_n`` voxels along the cell.
 - ``andra``: the sphere pack of Andra et al. (2013), 621 spheres of 0.35 mm, as a closed box of voxels (every
   method) and as the periodic distance field it is; k_ref is the middle of the published range.
+- ``twin_...``: packed twins, where ``--twins`` names any; k_ref and ff_ref are those of direct.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import time
 from collections.abc import Iterator
 from pathlib import Path
+
+for pool in ("OMP", "NUMBA", "OPENBLAS", "MKL"):  # as in the workflow
+    os.environ.setdefault(f"{pool}_NUM_THREADS", "1")
 
 import numpy as np
 import pandas as pd
@@ -147,12 +152,35 @@ def andra(n: int) -> tuple[np.ndarray, float]:
     return distance, voxel * 100
 
 
+def twins(table: Table, methods: list[str], paths: list[Path], edge: int) -> None:
+    """The middle of packed twins against direct."""
+    for path in paths:
+        phase, attributes = io.read_volume(path, "phase")
+        middle = tuple(slice(max(0, (n - edge) // 2), (n + edge) // 2) for n in phase.shape)
+        pore, voxel_um = np.ascontiguousarray(phase[middle] == 0), attributes["voxel_size_um"]
+        sample = "twin_" + "_".join(path.absolute().parent.parts[-3:])
+        known = table.rows[(table.rows["sample"] == sample) & (table.rows["method"] == "direct")]
+        for method in ["direct", *(m for m in methods if m != "direct")]:
+            if all(table.has(sample, None, axis, method) for axis in flow.AXES):
+                continue
+            found = measured(pore, voxel_um, method)
+            if method == "direct":
+                known = found.rename(columns={"k_md": "k", "formation_factor": "ff"})
+            refs = known.set_index("axis")
+            for row in found.itertuples():
+                k_ref, ff_ref = refs.loc[row.axis, ["k", "ff"]]
+                ours = row.k_md, k_ref, row.formation_factor, ff_ref, row.wall_s
+                table.add((sample, None, row.axis, method, *ours))
+
+
 def main() -> None:
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    options.add_argument("--samples", nargs="+", default=["arrays", "andra", "berea"])
+    options.add_argument("--samples", nargs="*", default=["arrays", "andra", "berea"])
     options.add_argument("--methods", nargs="+", default=[*NETWORKS, "elliptic", "direct"])
     options.add_argument("--cubes", nargs="+", type=int, default=list(range(27)))
     options.add_argument("--andra", nargs="+", type=int, default=[96, 128, 192], help="voxels along the pack")
+    options.add_argument("--twins", nargs="+", type=Path, default=[], help="volumes, twin.zarr.zip")
+    options.add_argument("--twin_edge", type=int, default=100, help="voxels along the middle of a twin")
     options.add_argument("--out", type=Path, default=Path("results/benchmarks/permeability.csv"))
     given = options.parse_args()
     table = Table(given.out)
@@ -186,13 +214,14 @@ def main() -> None:
                         table.add((f"andra_n{n}", None, axis, method, k, k_ref, factor, np.nan, wall_s))
     if "berea" in given.samples:
         berea(table, given.methods, given.cubes)
+    twins(table, given.methods, given.twins, given.twin_edge)
     report(table.rows)
 
 
 def report(rows: pd.DataFrame) -> None:
     """What the table says, a line for each sample and method."""
     group = rows["sample"].where(
-        rows["sample"] == "berea", rows["sample"].str.replace(r"_n\d+", "", regex=True)
+        rows["sample"] == "berea", rows["sample"].str.replace(r"_n\d+|(?<=^twin)_.*", "", regex=True)
     )
     for (sample, method), part in rows.groupby([group, "method"], sort=False):
         for name in ("k", "ff"):
