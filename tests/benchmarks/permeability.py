@@ -17,13 +17,9 @@ computed again: delete the file, or the rows, to measure anew.
 from __future__ import annotations
 
 import argparse
-import os
 import time
 from collections.abc import Iterator
 from pathlib import Path
-
-for pool in ("OMP", "NUMBA", "OPENBLAS", "MKL"):  # as in the workflow
-    os.environ.setdefault(f"{pool}_NUM_THREADS", "1")
 
 import numpy as np
 import pandas as pd
