@@ -136,7 +136,7 @@ class TestVoxelDucts:
         one = duct(12, 40, (56, 16))
         two = one | duct(12, 40, (56, 16), corner=(30, 2))
         k = [through[0](p)["k_md"][0] for p in (one, two)]
-        assert k[1] == pytest.approx(2 * k[0], rel=1e-9)
+        assert k[1] == pytest.approx(2 * k[0], rel=1e-6)
         assert k[1] == pytest.approx(straight["k_md"][0], rel=1e-6)
 
     def test_turned_duct_turns_the_answer(self, straight, through):
@@ -151,7 +151,7 @@ class TestVoxelDucts:
     def test_an_isolated_pore_changes_nothing(self, straight, through):
         pore = duct(12, 40, (28, 16))
         pore[18:24, 5:11, 10:16] = True
-        assert through[0](pore)["k_md"].tolist() == pytest.approx(straight["k_md"].tolist(), rel=1e-9)
+        assert through[0](pore)["k_md"].tolist() == pytest.approx(straight["k_md"].tolist(), rel=1e-6)
 
     def test_a_plug_stops_the_flow(self, through):
         pore = duct(12, 40, (16, 16))
