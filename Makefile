@@ -70,7 +70,7 @@ bench-network: $(VENV)/.ready  ## time, memory and topology of network extractio
 	$(BIN)/python tests/benchmarks/network.py --out results/benchmarks/network_speed.csv
 
 bench-permeability: $(VENV)/.ready
-	$(BIN)/python tests/benchmarks/permeability.py --out results/benchmarks/permeability.csv
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/benchmarks/permeability.py --out results/benchmarks/permeability.csv
 
 hard-cases: $(VENV)/.ready  ## hard scenes in both engines against the verdicts written down before
 	$(BIN)/python tests/benchmarks/hard_cases.py --out results/benchmarks/hard_cases.csv

@@ -5,12 +5,23 @@ from _stage import stage
 
 from grainfall import flow, io, network
 
+settings = snakemake.params.settings
+extraction, conductance = settings["network"], settings["flow"]["conductance"]
+
 with stage(snakemake) as progress:
     phase, attributes = io.read_volume(snakemake.input.volume, "phase")
     found = network.load(snakemake.input.pores, snakemake.input.throats)
     tables = [
-        flow.permeability(phase == 0, attributes["voxel_size_um"], method, network=found, progress=progress)
-        for method in snakemake.params.settings["flow"]["methods"]
+        flow.permeability(
+            phase == 0,
+            attributes["voxel_size_um"],
+            method,
+            conductance="pyramids" if extraction["method"] == "snow2" else conductance,
+            network=found,
+            persistence=extraction["persistence"],
+            progress=progress,
+        )
+        for method in settings["flow"]["methods"]
     ]
     io.write_table(snakemake.output.flow, pd.concat(tables))
     for table in tables:

@@ -1,6 +1,6 @@
 """Permeability and formation factor against published Stokes values and exact solutions.
 
-    python tests/benchmarks/permeability.py [--samples arrays andra berea] [--methods network elliptic direct]
+    python tests/benchmarks/permeability.py [--samples arrays andra berea] [--methods elliptic direct]
         [--cubes 0 13 26] [--out results/benchmarks/permeability.csv]
 
 Columns: sample, cube, axis, method, k, k_ref (mD), ff, ff_ref, wall_s. Rows already in the table are not
@@ -11,6 +11,7 @@ computed again: delete the file, or the rows, to measure anew.
   periodic cell of 1 mm, as voxels and as a distance field, ``_n`` voxels along the cell.
 - ``andra``: the sphere pack of Andra et al. (2013), 621 spheres of 0.35 mm, as a closed box of voxels (every
   method) and as the periodic distance field it is; k_ref is the middle of the published range.
+- ``twin_...``: packed twins, where ``--twins`` names any; k_ref and ff_ref are those of direct.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ import pandas as pd
 import tifffile
 from scipy.spatial import cKDTree
 
-from grainfall import flow, io
+from grainfall import flow, io, network
 from grainfall.flow import direct, elliptic
 from grainfall.units import m2_to_millidarcy, um2_to_millidarcy
 
@@ -39,8 +40,12 @@ ANDRA_K_M2 = (2.438e-10, 2.903e-10)
 """Range over the solvers of Saxena et al. (2017)."""
 COLUMNS = ["sample", "cube", "axis", "method", "k", "k_ref", "ff", "ff_ref", "wall_s"]
 KEY = COLUMNS[:4]
-NAMES = {"network": "snow2"}
-"""Networks go by their extraction."""
+NETWORKS = {
+    "network_local": ("persistence", "local"),
+    "network_shape_factor": ("persistence", "shape_factor"),
+    "snow2": ("snow2", "pyramids"),
+}
+"""Methods by a network: its extraction and its conductances."""
 
 
 class Table:
@@ -82,6 +87,19 @@ def through(
     return um2_to_millidarcy(k * voxel_um**2), factor, wall_s
 
 
+def measured(pore: np.ndarray, voxel_um: float, method: str) -> pd.DataFrame:
+    """Table of :func:`grainfall.flow.permeability`, the extraction's time included."""
+    if method not in NETWORKS:
+        return flow.permeability(pore, voxel_um, method)
+    extraction, conductance = NETWORKS[method]
+    begin = time.perf_counter()
+    found = network.extract(pore, voxel_um, extraction) if conductance != "local" else None
+    extraction_s = time.perf_counter() - begin
+    table = flow.permeability(pore, voxel_um, "network", conductance=conductance, network=found)
+    table["wall_s"] += extraction_s / 3
+    return table
+
+
 def berea(table: Table, methods: list[str], cubes: list[int]) -> None:
     pore = tifffile.imread(DATA / "berea/berea_400_pore1.tif") == 1
     published = pd.read_csv(DATA / "berea/subvolume_K_FF.csv")
@@ -90,14 +108,13 @@ def berea(table: Table, methods: list[str], cubes: list[int]) -> None:
         i, j, k = (int(row[name]) for name in ("i0_axis0", "j0_axis1", "k0_axis2"))
         part = pore[i : i + BEREA_EDGE, j : j + BEREA_EDGE, k : k + BEREA_EDGE]
         for method in methods:
-            name = NAMES.get(method, method)
-            if all(table.has("berea", cube, axis, name) for axis in flow.AXES):
+            if all(table.has("berea", cube, axis, method) for axis in flow.AXES):
                 continue
-            for found in flow.permeability(part, BEREA_VOXEL_UM, method).itertuples():
+            for found in measured(part, BEREA_VOXEL_UM, method).itertuples():
                 axis = found.axis.upper()
                 k_ref = um2_to_millidarcy(row[f"K_{axis}_h2"] * BEREA_VOXEL_UM**2)
                 ff, ff_ref = found.formation_factor, row[f"FF_{axis}"]
-                table.add(("berea", cube, found.axis, name, found.k_md, k_ref, ff, ff_ref, found.wall_s))
+                table.add(("berea", cube, found.axis, method, found.k_md, k_ref, ff, ff_ref, found.wall_s))
 
 
 def arrays() -> Iterator[tuple[str, np.ndarray, int, float]]:
@@ -131,12 +148,35 @@ def andra(n: int) -> tuple[np.ndarray, float]:
     return distance, voxel * 100
 
 
+def twins(table: Table, methods: list[str], paths: list[Path], edge: int) -> None:
+    """The middle of packed twins against direct."""
+    for path in paths:
+        phase, attributes = io.read_volume(path, "phase")
+        middle = tuple(slice(max(0, (n - edge) // 2), (n + edge) // 2) for n in phase.shape)
+        pore, voxel_um = np.ascontiguousarray(phase[middle] == 0), attributes["voxel_size_um"]
+        sample = "twin_" + "_".join(path.absolute().parent.parts[-3:])
+        known = table.rows[(table.rows["sample"] == sample) & (table.rows["method"] == "direct")]
+        for method in ["direct", *(m for m in methods if m != "direct")]:
+            if all(table.has(sample, None, axis, method) for axis in flow.AXES):
+                continue
+            found = measured(pore, voxel_um, method)
+            if method == "direct":
+                known = found.rename(columns={"k_md": "k", "formation_factor": "ff"})
+            refs = known.set_index("axis")
+            for row in found.itertuples():
+                k_ref, ff_ref = refs.loc[row.axis, ["k", "ff"]]
+                ours = row.k_md, k_ref, row.formation_factor, ff_ref, row.wall_s
+                table.add((sample, None, row.axis, method, *ours))
+
+
 def main() -> None:
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    options.add_argument("--samples", nargs="+", default=["arrays", "andra", "berea"])
-    options.add_argument("--methods", nargs="+", default=["network", "elliptic", "direct"])
+    options.add_argument("--samples", nargs="*", default=["arrays", "andra", "berea"])
+    options.add_argument("--methods", nargs="+", default=[*NETWORKS, "elliptic", "direct"])
     options.add_argument("--cubes", nargs="+", type=int, default=list(range(27)))
     options.add_argument("--andra", nargs="+", type=int, default=[96, 128, 192], help="voxels along the pack")
+    options.add_argument("--twins", nargs="+", type=Path, default=[], help="volumes, twin.zarr.zip")
+    options.add_argument("--twin_edge", type=int, default=100, help="voxels along the middle of a twin")
     options.add_argument("--out", type=Path, default=Path("results/benchmarks/permeability.csv"))
     given = options.parse_args()
     table = Table(given.out)
@@ -156,13 +196,12 @@ def main() -> None:
         for n in given.andra:
             distance, voxel_um = andra(n)
             for method in given.methods:
-                name = NAMES.get(method, method)
-                if not all(table.has(f"andra_n{n}_voxels", None, axis, name) for axis in flow.AXES):
-                    for found in flow.permeability(distance > 0, voxel_um, method).itertuples():
+                if not all(table.has(f"andra_n{n}_voxels", None, axis, method) for axis in flow.AXES):
+                    for found in measured(distance > 0, voxel_um, method).itertuples():
                         ff = found.formation_factor
                         sample = f"andra_n{n}_voxels"
                         table.add(
-                            (sample, None, found.axis, name, found.k_md, k_ref, ff, np.nan, found.wall_s)
+                            (sample, None, found.axis, method, found.k_md, k_ref, ff, np.nan, found.wall_s)
                         )
             for method in voxel_methods:
                 for axis in flow.AXES:
@@ -171,13 +210,14 @@ def main() -> None:
                         table.add((f"andra_n{n}", None, axis, method, k, k_ref, factor, np.nan, wall_s))
     if "berea" in given.samples:
         berea(table, given.methods, given.cubes)
+    twins(table, given.methods, given.twins, given.twin_edge)
     report(table.rows)
 
 
 def report(rows: pd.DataFrame) -> None:
     """What the table says, a line for each sample and method."""
     group = rows["sample"].where(
-        rows["sample"] == "berea", rows["sample"].str.replace(r"_n\d+", "", regex=True)
+        rows["sample"] == "berea", rows["sample"].str.replace(r"_n\d+|(?<=^twin)_.*", "", regex=True)
     )
     for (sample, method), part in rows.groupby([group, "method"], sort=False):
         for name in ("k", "ff"):

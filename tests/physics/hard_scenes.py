@@ -457,13 +457,13 @@ def contrast(scene: dict) -> tuple[dict, list[str]]:
         net[f"pore.{name}"] = np.zeros(n, bool)
     net["throat.disc_bounding"] = np.zeros(n - 1, bool)
     net["pore.xmin"][0] = net["pore.xmax"][-1] = True
-    whole = np.array(flow.conductances(net, "x"))
+    whole = np.array(flow.conductances(net, "x", "pyramids"))
     # the series law, over the same conduits one by one
     links = []
     for k in range(2):
         two = network.subnetwork(net, np.isin(np.arange(n), [k, k + 1]))
         two["pore.xmin"], two["pore.xmax"] = np.array([True, False]), np.array([False, True])
-        links.append(flow.conductances(two, "x"))
+        links.append(flow.conductances(two, "x", "pyramids"))
     count = np.array([-(-(n - 1) // 2), (n - 1) // 2])
     series = 1 / (count[:, None] / np.array(links)).sum(axis=0)
     apart = links[0][0] / links[1][0]

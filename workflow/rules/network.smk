@@ -53,7 +53,7 @@ rule flow:
         mem_mb=8000,
         runtime=120,
     params:
-        settings=settings("flow"),
+        settings=settings("network", "flow"),
         science=science("flow"),
     script:
         "../../scripts/flow.py"

@@ -9,20 +9,22 @@ import numpy as np
 import pandas as pd
 
 from grainfall.errors import InputError
-from grainfall.flow import direct, elliptic
+from grainfall.flow import direct, elliptic, local
 from grainfall.flow.elliptic import AXES
 from grainfall.flow.estimate import kozeny_carman, percolates, specific_surface
-from grainfall.flow.network import conductances, spanning, two_face_conductance
-from grainfall.network import Network, extract
+from grainfall.flow.network import MODELS, conductances, spanning, two_face_conductance
+from grainfall.network import PERSISTENCE, Network, extract, find_interfaces, partition
 from grainfall.units import um2_to_millidarcy
 
 __all__ = [
     "AXES",
+    "CONDUCTANCES",
     "METHODS",
     "conductances",
     "direct",
     "elliptic",
     "kozeny_carman",
+    "local",
     "percolates",
     "permeability",
     "spanning",
@@ -33,13 +35,18 @@ __all__ = [
 METHODS = ("estimate", "network", "elliptic", "direct")
 """From the cheapest to the dearest."""
 
+CONDUCTANCES = ("local", *MODELS)
+"""Of pores and throats, from the best to the simplest."""
+
 
 def permeability(
     pore: np.ndarray,
     voxel_size_um: float,
     method: str = "network",
     *,
+    conductance: str = "local",
     network: Network | None = None,
+    persistence: float = PERSISTENCE,
     progress: Callable[[str], None] | None = None,
 ) -> pd.DataFrame:
     """Permeability and formation factor along x, y and z.
@@ -56,14 +63,19 @@ def permeability(
     method : {"network", "estimate", "elliptic", "direct"}
         ``estimate``: Kozeny-Carman from porosity and specific surface and F = porosity^(-3/2) (Bruggeman),
         the same along every axis along which the pore space percolates: a rough figure, no simulation.
-        ``network``: Stokes flow and Ohmic conduction through the pore network, every pore-throat-pore
-        conduit a cuboid between two truncated pyramids (:func:`conductances`).
+        ``network``: Stokes flow and Ohmic conduction through the pore network, by ``conductance``.
         ``elliptic``: a lower bound from two scalar equations on the voxels
         (:func:`grainfall.flow.elliptic.solve`). ``direct``: Stokes flow on the voxels
         (:func:`grainfall.flow.direct.solve`). Both hold the pressure at the two faces, seal the sides, and
         take the formation factor from conduction through the voxels.
+    conductance : {"local", "shape_factor", "pyramids"}
+        For method network. ``local``: from local solutions on the voxels of every pore of
+        :func:`grainfall.network.partition` (:mod:`grainfall.flow.local`). ``shape_factor``, ``pyramids``:
+        from the sizes in ``network`` (:func:`conductances`).
     network : dict, optional
-        The pore network of the volume, if it is at hand; extracted by snow2 if omitted.
+        The pore network of the volume, if it is at hand; if it is needed and omitted, it is extracted.
+    persistence : float
+        Of the pores; see :func:`grainfall.network.extract`.
     progress : callable, optional
         Told how a long solution goes, a line at a time.
 
@@ -77,10 +89,11 @@ def permeability(
     Raises
     ------
     InputError
-        For an unknown method.
+        For an unknown method or conductance.
     """
-    if method not in METHODS:
-        raise InputError("flow method", f"unknown method {method!r}", f"choose one of {', '.join(METHODS)}")
+    for name, value, known in (("method", method, METHODS), ("conductance", conductance, CONDUCTANCES)):
+        if value not in known:
+            raise InputError(f"flow {name}", f"unknown {name} {value!r}", f"choose one of {', '.join(known)}")
     pore = np.asarray(pore).astype(bool)
     if pore.all():
         return _table(method, [(np.nan, 1.0, 0.0)] * 3)
@@ -89,24 +102,36 @@ def permeability(
         k_md, factor = kozeny_carman(pore, voxel_size_um)
         values = [(k_md, factor) if is_open else (0.0, np.nan) for is_open in percolates(pore)]
     elif method == "network":
-        network = extract(pore, voxel_size_um) if network is None else network
-        size_um = voxel_size_um * np.array(pore.shape[::-1], float)
+        values = _through_network(pore, voxel_size_um, conductance, network, persistence)
     share = (time.perf_counter() - begin) / 3
     rows = []
     for axis, name in enumerate(AXES):
         begin = time.perf_counter()
-        if method == "estimate":
+        if method in ("estimate", "network"):
             k_md, factor = values[axis]
-        elif method == "network":
-            hydraulic, electrical = conductances(network, name)
-            length_per_area = size_um[axis] / np.prod(np.delete(size_um, axis))
-            k_md = um2_to_millidarcy(hydraulic * length_per_area)
-            factor = 1 / (electrical * length_per_area) if electrical > 0 else np.nan
         else:
             k_md, factor = _through_voxels(pore, voxel_size_um, method, name, progress)
         # the last digits may follow the linear algebra library; results must not
         rows.append((float(f"{k_md:.10g}"), float(f"{factor:.10g}"), share + time.perf_counter() - begin))
     return _table(method, rows)
+
+
+def _through_network(
+    pore: np.ndarray, voxel_size_um: float, conductance: str, network: Network | None, persistence: float
+) -> list[tuple[float, float]]:
+    size_um = voxel_size_um * np.array(pore.shape[::-1], float)
+    if conductance == "local":
+        parts = partition(pore, persistence=persistence)
+        rates = local.solve(parts, find_interfaces(parts)).values()
+        through = [(r.hydraulic * voxel_size_um**3, r.electrical * voxel_size_um) for r in rates]
+    else:
+        network = extract(pore, voxel_size_um, persistence=persistence) if network is None else network
+        through = [conductances(network, name, conductance) for name in AXES]
+    length_per_area = size_um**2 / size_um.prod()
+    return [
+        (um2_to_millidarcy(h * per), 1 / (e * per) if e > 0 else np.nan)
+        for (h, e), per in zip(through, length_per_area, strict=True)
+    ]
 
 
 def _through_voxels(

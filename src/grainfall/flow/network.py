@@ -7,7 +7,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
-from grainfall.network import Network, subnetwork, to_openpnm
+from grainfall.network import CIRCLE, Network, conduit_lengths, subnetwork, to_openpnm
 
 
 def spanning(network: Network, axis: str) -> np.ndarray:
@@ -19,19 +19,22 @@ def spanning(network: Network, axis: str) -> np.ndarray:
     return np.isin(cluster, both)
 
 
-def conductances(network: Network, axis: str) -> tuple[float, float]:
+def conductances(network: Network, axis: str, model: str = "shape_factor") -> tuple[float, float]:
     """Hydraulic and electrical conductance of a network between its two faces across ``axis``.
 
-    Poiseuille flow with unit viscosity and conduction with unit conductivity, in conduits of square section
-    that narrow linearly over the pores' radii from the pores' diameters (spheres of the regions' volumes) to
-    the throat's (largest sphere inscribed) and are straight in between: OpenPNM's ``pyramids_and_cuboids``
-    with the diameters and lengths that its example of an extracted network takes.
+    Poiseuille flow with unit viscosity and conduction with unit conductivity.
 
     Parameters
     ----------
     network : dict
         See :func:`grainfall.network.extract`.
     axis : {"x", "y", "z"}
+    model : {"shape_factor", "pyramids"}
+        ``shape_factor``: pore, throat and pore in series, ducts of circular, square or triangular section by
+        their shape factors (:func:`by_shape_factor`). ``pyramids``: OpenPNM's ``pyramids_and_cuboids``,
+        conduits of square section that narrow linearly over the pores' radii from the pores' diameters
+        (spheres of the regions' volumes) to the throat's (largest sphere inscribed) and are straight in
+        between, with the diameters and lengths that its example of an extracted network takes.
 
     Returns
     -------
@@ -43,19 +46,61 @@ def conductances(network: Network, axis: str) -> tuple[float, float]:
     keep = spanning(network, axis)
     if not keep.any():
         return 0.0, 0.0
+    network = subnetwork(network, keep)
+    inlet, outlet = (np.flatnonzero(network[f"pore.{axis}{end}"]) for end in ("min", "max"))
+    conns = network["throat.conns"]
+    hydraulic, electrical = MODELS[model](network)
+    apart = conns[:, 0] != conns[:, 1]
+    rates = (two_face_conductance(conns[apart], g[apart], inlet, outlet) for g in (hydraulic, electrical))
+    return tuple(rates)
+
+
+def by_shape_factor(network: Network) -> tuple[np.ndarray, np.ndarray]:
+    """Hydraulic (m,) um^3 and electrical (m,) um conductances of pore, throat and pore in series.
+
+    Each is a duct of area A = R^2 / 4G about the inscribed circle of radius R, and of conductance
+    c G A^2 / L by its shape factor G: a triangle's with c = 3/5 up to that of the equilateral one, a square's
+    (0.5623) or a circle's (1/2), whichever is nearer, above (Patzek & Silin 2001; Valvatne & Blunt 2004). The
+    lengths are :func:`grainfall.network.conduit_lengths`.
+    """
+    conns = network["throat.conns"]
+    columns = []
+    for name in ("inscribed_diameter", "shape_factor"):
+        pores = network[f"pore.{name}"][conns]
+        columns.append(np.stack([pores[:, 0], network[f"throat.{name}"], pores[:, 1]], axis=1))
+    diameter, shape = columns
+    area = diameter**2 / (16 * shape)
+    limits = [TRIANGLE, (SQUARE + CIRCLE) / 2]
+    factor = np.array([0.6, 0.5623, 0.5])[np.digitize(shape, limits, right=True)]
+    length = conduit_lengths(network)
+    hydraulic = 1 / (length / (factor * shape * area**2)).sum(axis=1)
+    return hydraulic, 1 / (length / area).sum(axis=1)
+
+
+TRIANGLE = 3**0.5 / 36
+"""Shape factor of the equilateral triangle, the largest of any."""
+
+SQUARE = 1 / 16
+
+
+def by_pyramids(network: Network) -> tuple[np.ndarray, np.ndarray]:
+    """Hydraulic (m,) um^3 and electrical (m,) um conductances by OpenPNM's ``pyramids_and_cuboids``."""
     import openpnm
 
-    pn = to_openpnm(subnetwork(network, keep))
+    pn = to_openpnm(network)
     geometry = openpnm.models.geometry
     try:
-        inlet, outlet = pn.pores(f"{axis}min"), pn.pores(f"{axis}max")
-        rates = [
-            two_face_conductance(pn.conns, 1 / (1 / kind.pyramids_and_cuboids(pn)).sum(axis=1), inlet, outlet)
+        hydraulic, electrical = (
+            1 / (1 / kind.pyramids_and_cuboids(pn)).sum(axis=1)
             for kind in (geometry.hydraulic_size_factors, geometry.diffusive_size_factors)
-        ]
+        )
     finally:
         openpnm.Workspace().close_project(pn.project)
-    return rates[0] * 1e18, rates[1] * 1e6
+    return hydraulic * 1e18, electrical * 1e6
+
+
+MODELS = {"shape_factor": by_shape_factor, "pyramids": by_pyramids}
+"""Conductances of throats: network -> hydraulic, electrical."""
 
 
 def two_face_conductance(

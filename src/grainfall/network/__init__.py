@@ -10,6 +10,7 @@ from grainfall.network.elements import (
     LENGTH_POWER,
     Network,
     betti_numbers,
+    conduit_lengths,
     coordination_numbers,
     element_sizes,
     empty,
@@ -18,10 +19,12 @@ from grainfall.network.elements import (
 )
 from grainfall.network.export import load, save, save_statoil, save_vtp, to_openpnm
 from grainfall.network.extraction import METHODS, extract, measure
+from grainfall.network.geometry import CIRCLE
 from grainfall.network.partition import PERSISTENCE, Partition, partition
 from grainfall.network.topology import Interfaces, find_interfaces, pore_betti_numbers
 
 __all__ = [
+    "CIRCLE",
     "FACES",
     "LENGTH_POWER",
     "METHODS",
@@ -30,6 +33,7 @@ __all__ = [
     "Network",
     "Partition",
     "betti_numbers",
+    "conduit_lengths",
     "coordination_numbers",
     "element_sizes",
     "empty",

@@ -9,7 +9,7 @@ import pandas as pd
 
 from grainfall.errors import InputError
 from grainfall.io import read_table, write_table
-from grainfall.network.elements import LENGTH_POWER, Network
+from grainfall.network.elements import LENGTH_POWER, Network, conduit_lengths
 
 
 def to_openpnm(network: Network) -> object:
@@ -99,8 +99,7 @@ def save_statoil(network: Network, prefix: str | Path, size_um: tuple[float, flo
 
     Flow is along x: throats to boundary pores on xmin become links to the inlet (-1), on xmax to the outlet
     (0); boundary pores of the other faces are left out, as are throats from a pore to itself, which carry no
-    flow. Lengths of pores and throats are parted as by Dong & Blunt (2009): a pore takes 1 - 0.6 r_t / r_p of
-    its half of the way. The whole volume is in the pores.
+    flow. Lengths of pores and throats are those of :func:`conduit_lengths`. The whole volume is in the pores.
 
     Parameters
     ----------
@@ -121,13 +120,11 @@ def save_statoil(network: Network, prefix: str | Path, size_um: tuple[float, flo
     ends = number[conns]
     radius = network["pore.inscribed_diameter"] / 2 * metre
     throat_radius = network["throat.inscribed_diameter"][keep] / 2 * metre
-    halves = network["throat.half_lengths"][keep] * metre
-    parts = halves * np.maximum(0, 1 - PORE_SHARE * throat_radius[:, None] / radius[conns])
-    total = halves.sum(axis=1)
+    lengths = conduit_lengths(network)[keep] * metre
     links = np.arange(1, len(conns) + 1)
     shape = network["throat.shape_factor"][keep]
-    first = zip(links, *ends.T, throat_radius, shape, total, strict=True)
-    second = zip(links, *ends.T, *parts.T, total - parts.sum(axis=1), strict=True)
+    first = zip(links, *ends.T, throat_radius, shape, lengths.sum(axis=1), strict=True)
+    second = zip(links, *ends.T, *lengths[:, [0, 2, 1]].T, strict=True)
     with open(f"{prefix}_link1.dat", "w") as file:
         file.write(f"{len(links)}\n")
         file.writelines(_line(*row) for row in first)
@@ -153,10 +150,6 @@ def save_statoil(network: Network, prefix: str | Path, size_um: tuple[float, flo
         volume, g = network["pore.volume"] * metre**3, network["pore.shape_factor"]
         for p in pores:
             file.write(_line(number[p], volume[p], radius[p], g[p], 0))
-
-
-PORE_SHARE = 0.6
-"""How much of a pore's half of the way goes to the throat where both are equally wide (Dong & Blunt 2009)."""
 
 
 def _line(*values: float) -> str:
