@@ -1,6 +1,6 @@
 """Permeability and formation factor against published Stokes values and exact solutions.
 
-    python tests/benchmarks/permeability.py [--samples arrays andra berea] [--methods elliptic direct]
+    python tests/benchmarks/permeability.py [--samples arrays andra packs berea] [--methods elliptic direct]
         [--cubes 0 13 26] [--out results/benchmarks/permeability.csv]
 
 Columns: sample, cube, axis, method, k, k_ref (mD), ff, ff_ref, wall_s. Rows already in the table are not
@@ -11,7 +11,8 @@ computed again: delete the file, or the rows, to measure anew.
   periodic cell of 1 mm, as voxels and as a distance field, ``_n`` voxels along the cell.
 - ``andra``: the sphere pack of Andra et al. (2013), 621 spheres of 0.35 mm, as a closed box of voxels (every
   method) and as the periodic distance field it is; k_ref is the middle of the published range.
-- ``twin_...``: packed twins, where ``--twins`` names any; k_ref and ff_ref are those of direct.
+- ``packs``: six packed twins of different shape, sorting and porosity, and those that ``--twins`` names;
+  k_ref and ff_ref are those of direct.
 """
 
 from __future__ import annotations
@@ -24,10 +25,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import tifffile
+import trimesh
+from engines import angular_grains
 from scipy.spatial import cKDTree
 
-from grainfall import flow, io, network
+from grainfall import flow, io, network, volume
 from grainfall.flow import direct, elliptic
+from grainfall.grains import Library
+from grainfall.packing import Parameters, container, deposit
 from grainfall.units import m2_to_millidarcy, um2_to_millidarcy
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared/data"
@@ -148,30 +153,76 @@ def andra(n: int) -> tuple[np.ndarray, float]:
     return distance, voxel * 100
 
 
-def twins(table: Table, methods: list[str], paths: list[Path], edge: int) -> None:
-    """The middle of packed twins against direct."""
+def twins(paths: list[Path], edge: int) -> Iterator[tuple[str, np.ndarray, float]]:
+    """The middle of packed twins: name, pore space, edge of a voxel in um."""
     for path in paths:
         phase, attributes = io.read_volume(path, "phase")
         middle = tuple(slice(max(0, (n - edge) // 2), (n + edge) // 2) for n in phase.shape)
-        pore, voxel_um = np.ascontiguousarray(phase[middle] == 0), attributes["voxel_size_um"]
-        sample = "twin_" + "_".join(path.absolute().parent.parts[-3:])
+        name = "twin_" + "_".join(path.absolute().parent.parts[-3:])
+        yield name, np.ascontiguousarray(phase[middle] == 0), attributes["voxel_size_um"]
+
+
+PACKS = {
+    "spheres": ("sphere", 0.0, None),
+    "spheres_unsorted": ("sphere", 0.5, None),
+    "angular": ("angular", 0.25, None),
+    "needles": ("needle", 0.25, None),
+    "angular_cemented": ("angular", 0.25, 0.25),
+    "spheres_cemented": ("sphere", 0.25, 0.12),
+}
+"""Packed twins of this benchmark: shape of the grains, spread of their radii (cv), porosity if cemented."""
+
+PACK_EDGE, PACK_VOXELS = 6, 16
+"""Edge in mean grains, voxels across one."""
+
+
+def packs() -> Iterator[tuple[str, np.ndarray, float]]:
+    """Grains poured and, for some, cemented: name, pore space, edge of a voxel in um."""
+    rng = np.random.default_rng(0)
+    ball = trimesh.creation.icosphere(3)
+    needle = np.array(ball.vertices) * np.array([2.0, 1.0, 1.0]) / 2 ** (1 / 3)
+    table = pd.DataFrame({"shape": [0], "phase": 1, "r2d_um": 50.0})
+    libraries = {
+        "sphere": None,
+        "angular": angular_grains(40, rng),
+        "needle": Library([needle], [np.array(ball.faces, np.int32)], table),
+    }
+    for number, (name, (shape, cv, porosity)) in enumerate(PACKS.items()):
+        rng = np.random.default_rng(number)
+        library, box = libraries[shape], container(PACK_EDGE * 100.0, 100.0, 1.0)
+        kinds = -1 if library is None else rng.integers(0, len(library.vertices), 2000)
+        spread = np.log(1 + cv**2) ** 0.5
+        supply = pd.DataFrame(
+            {"kind": "grain", "phase": 1, "shape": kinds, "scale": 50 * np.exp(rng.normal(0, spread, 2000))}
+        )
+        bodies = deposit(supply, library, box, Parameters(), rng)
+        voxels, voxel_um = (PACK_EDGE * PACK_VOXELS,) * 3, 100.0 / PACK_VOXELS
+        if porosity is None:
+            phase, _ = volume.voxelise(bodies, library, voxels, voxel_um)
+        else:
+            phase, _, _ = volume.cement(bodies, library, voxels, voxel_um, porosity, 2)
+        yield f"pack_{name}", phase == 0, voxel_um
+
+
+def against_direct(table: Table, methods: list[str], sample: str, pore: np.ndarray, voxel_um: float) -> None:
+    """Rows of a volume whose k_ref and ff_ref are those of direct."""
+    for method in ["direct", *(m for m in methods if m != "direct")]:
+        if all(table.has(sample, None, axis, method) for axis in flow.AXES):
+            continue
         known = table.rows[(table.rows["sample"] == sample) & (table.rows["method"] == "direct")]
-        for method in ["direct", *(m for m in methods if m != "direct")]:
-            if all(table.has(sample, None, axis, method) for axis in flow.AXES):
-                continue
-            found = measured(pore, voxel_um, method)
-            if method == "direct":
-                known = found.rename(columns={"k_md": "k", "formation_factor": "ff"})
-            refs = known.set_index("axis")
-            for row in found.itertuples():
-                k_ref, ff_ref = refs.loc[row.axis, ["k", "ff"]]
-                ours = row.k_md, k_ref, row.formation_factor, ff_ref, row.wall_s
-                table.add((sample, None, row.axis, method, *ours))
+        found = measured(pore, voxel_um, method)
+        if method == "direct":
+            known = found.rename(columns={"k_md": "k", "formation_factor": "ff"})
+        refs = known.set_index("axis")
+        for row in found.itertuples():
+            k_ref, ff_ref = refs.loc[row.axis, ["k", "ff"]]
+            ours = row.k_md, k_ref, row.formation_factor, ff_ref, row.wall_s
+            table.add((sample, None, row.axis, method, *ours))
 
 
 def main() -> None:
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    options.add_argument("--samples", nargs="*", default=["arrays", "andra", "berea"])
+    options.add_argument("--samples", nargs="*", default=["arrays", "andra", "packs", "berea"])
     options.add_argument("--methods", nargs="+", default=[*NETWORKS, "elliptic", "direct"])
     options.add_argument("--cubes", nargs="+", type=int, default=list(range(27)))
     options.add_argument("--andra", nargs="+", type=int, default=[96, 128, 192], help="voxels along the pack")
@@ -210,14 +261,17 @@ def main() -> None:
                         table.add((f"andra_n{n}", None, axis, method, k, k_ref, factor, np.nan, wall_s))
     if "berea" in given.samples:
         berea(table, given.methods, given.cubes)
-    twins(table, given.methods, given.twins, given.twin_edge)
+    for volumes in (packs() if "packs" in given.samples else (), twins(given.twins, given.twin_edge)):
+        for sample, pore, voxel_um in volumes:
+            against_direct(table, given.methods, sample, pore, voxel_um)
     report(table.rows)
 
 
 def report(rows: pd.DataFrame) -> None:
     """What the table says, a line for each sample and method."""
     group = rows["sample"].where(
-        rows["sample"] == "berea", rows["sample"].str.replace(r"_n\d+|(?<=^twin)_.*", "", regex=True)
+        rows["sample"] == "berea",
+        rows["sample"].str.replace(r"_n\d+|(?<=^twin)_.*|(?<=^pack)_.*", "", regex=True),
     )
     for (sample, method), part in rows.groupby([group, "method"], sort=False):
         for name in ("k", "ff"):

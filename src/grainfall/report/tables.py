@@ -94,6 +94,7 @@ METRICS: dict[str, Metric] = {
     "specific_surface_per_um": Metric("specific surface from the slope of S₂", "1/µm", "s2_volume.csv"),
     "wall_s": Metric("wall time of the realization", "s", "benchmarks"),
     "peak_rss_mb": Metric("peak memory of its largest job", "MB", "benchmarks"),
+    "k_md": Metric("permeability, mean of the axes and their range", "mD", "flow.csv"),
     **{f"k_{a}_md": Metric(f"permeability along {a}", "mD", "flow.csv") for a in "xyz"},
     **{f"k_ref_{a}_md": Metric(f"permeability of the reference along {a}", "mD", "reference_flow.csv")
        for a in "xyz"},
@@ -309,7 +310,7 @@ def section_comparison(
 def flow_values(
     flow: pd.DataFrame | None, reference: pd.DataFrame | None = None, method: str | None = None
 ) -> dict[str, object]:
-    """Permeability and formation factor per axis, with the reference by the same method.
+    """Permeability and formation factor per axis, with the reference by the same method, and K over the axes.
 
     Parameters
     ----------
@@ -331,6 +332,9 @@ def flow_values(
             found[k_name.format(axis)] = of_method["k_md"].get(axis)
             if table is flow and "formation_factor" in of_method:
                 found[f"formation_factor_{axis}"] = of_method["formation_factor"].get(axis)
+    along = np.array([found[f"k_{axis}_md"] for axis in "xyz"], float)
+    if not np.isnan(along).any():
+        found["k_md"] = along.mean(), along.min(), along.max()
     return found
 
 
