@@ -47,7 +47,6 @@ def this_project(engine: str, n: int, library: Library, rng: np.random.Generator
     parameters = Parameters.named(
         engine=engine,
         hull_vertices=HULL_VERTICES,
-        contact_manifold="full",  # grains on kept contact points shiver too much for this criterion
         sleep_speed=SLEEP_SPEED,
         sleep_steps=SLEEP_STEPS,
     )

@@ -17,7 +17,7 @@ def test_frictionless_spheres_have_three_contacts_each(engine, tolerance):
     """
     diameter = 2 * RADIUS
     box = container(3 * diameter, diameter, 1.0)
-    case = Case("spheres", engine, 0.0)
+    case = Case("poured", engine, 0.0)
     bodies = deposit(grains(100), None, box, case.parameters, np.random.default_rng(1))
     reach = tolerance * diameter
     place = bodies[["x", "y", "z"]].to_numpy() + box.margin_um
