@@ -97,7 +97,7 @@ def main() -> None:
         for name, changes in (
             ("default", {"engine": "physx"}),
             ("default", {"engine": "physx", "inertia": "paper"}),
-            ("default", {"engine": "physx", "contact_manifold": "full"}),
+            ("default", {"engine": "physx", "contact_manifold": "persistent"}),
             ("default", {"engine": "bullet"}),
             ("paper", {"engine": "physx"}),
         ):

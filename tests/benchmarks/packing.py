@@ -42,8 +42,9 @@ VOXELS = 40
 """Voxels across a diameter. Centres of voxels are unbiased samples of the solid: a sphere's volume is then
 known to 1e-3, and the solid fraction of a hundred to 1e-4."""
 
-FRICTIONLESS_WINDOWS = 40
-"""Without friction, grains frozen while pouring were not stable: they take many windows to come to rest."""
+SLOW_WINDOWS = 40
+"""Without friction, grains frozen while pouring were not stable, and in a liquid all goes slowly: such beds
+take many windows to come to rest."""
 
 LIQUID = 3.0
 """Rate, 1/s, at which spheres lose speed as they sink: they arrive as fast as from a fall over half a radius.
@@ -65,10 +66,10 @@ class Case:
     def parameters(self) -> Parameters:
         """The defaults with this friction; spheres of the known packings sink through a liquid."""
         changes: dict[str, float] = {"friction_static": self.friction, "friction_dynamic": self.friction}
-        if self.friction == 0:
-            changes["rest_windows"] = FRICTIONLESS_WINDOWS
         if self.case == "spheres":
             changes["linear_damping"] = LIQUID
+        if self.case == "spheres" or self.friction == 0:
+            changes["rest_windows"] = SLOW_WINDOWS
         return Parameters.named(engine=self.engine, **changes)
 
 

@@ -36,6 +36,7 @@ def test_friction_loosens_equal_spheres():
     assert 0.643 > fractions[0] > fractions[1] > fractions[2] > 0.55
     assert 6.0 > contacts[0] > contacts[1] > contacts[2] > 4.0
     for row in rows:
+        assert row["drift"] < 1e-3
         assert row["net_force"] < 1e-2
         assert row["energy_rise"] < 1e-3
 

@@ -127,6 +127,21 @@ def find_root(parent, i):
     return i
 
 
+@njit(cache=True)
+def face_neighbours(v, nz, ny, nx, near):
+    """Fill `near` (6,) with the voxels next to v along -z, +z, -y, +y, -x, +x; -1 beyond the volume."""
+    plane = ny * nx
+    z = v // plane
+    y = (v - z * plane) // nx
+    x = v - z * plane - y * nx
+    near[0] = v - plane if z > 0 else -1
+    near[1] = v + plane if z < nz - 1 else -1
+    near[2] = v - nx if y > 0 else -1
+    near[3] = v + nx if y < ny - 1 else -1
+    near[4] = v - 1 if x > 0 else -1
+    near[5] = v + 1 if x < nx - 1 else -1
+
+
 def longer(values: np.ndarray) -> np.ndarray:
     """The array with as many zeros after it."""
     return np.concatenate([values, np.zeros_like(values)])
@@ -143,8 +158,7 @@ def _flood(squared, order, shape, share, floor, labels, tree, component, basin, 
     does not depend on the order of the axes.
     """
     nz, ny, nx = shape
-    plane = ny * nx
-    steps = np.array([plane, nx, 1])
+    steps = np.array([ny * nx, nx, 1])
     near = np.empty(6, np.int64)
     first, count, waiting = at
     for turn in range(first, order.size):
@@ -152,15 +166,7 @@ def _flood(squared, order, shape, share, floor, labels, tree, component, basin, 
             at[:] = turn, count, waiting
             return False
         v = np.int64(order[turn])
-        z = v // plane
-        y = (v - z * plane) // nx
-        x = v - z * plane - y * nx
-        near[0] = v - plane if z > 0 else -1
-        near[1] = v + plane if z < nz - 1 else -1
-        near[2] = v - nx if y > 0 else -1
-        near[3] = v + nx if y < ny - 1 else -1
-        near[4] = v - 1 if x > 0 else -1
-        near[5] = v + 1 if x < nx - 1 else -1
+        face_neighbours(v, nz, ny, nx, near)
         own = np.int64(squared[v])
         best, height, way = 0, own, 0
         for k in range(6):

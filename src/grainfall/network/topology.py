@@ -30,7 +30,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from grainfall.network.partition import CHUNK, Partition, find_root, longer
+from grainfall.network.partition import CHUNK, Partition, face_neighbours, find_root, longer
+from grainfall.volume.measures import euler_number
 
 
 @dataclass(frozen=True)
@@ -204,7 +205,6 @@ def _sweep(squared, order, tree, shape, keys, classes, table, parent, birth, rel
     but once where it comes again soon. Stops where an array might overflow.
     """
     nz, ny, nx = shape
-    plane = ny * nx
     near = np.empty(6, np.int64)
     own = np.empty(6, np.int32)
     linked = np.empty(6, np.int64)
@@ -217,15 +217,7 @@ def _sweep(squared, order, tree, shape, keys, classes, table, parent, birth, rel
             at[:] = turn, faces, count, related
             return False
         v = np.int64(order[turn])
-        z = v // plane
-        y = (v - z * plane) // nx
-        x = v - z * plane - y * nx
-        near[0] = v - plane if z > 0 else -1
-        near[1] = v + plane if z < nz - 1 else -1
-        near[2] = v - nx if y > 0 else -1
-        near[3] = v + nx if y < ny - 1 else -1
-        near[4] = v - 1 if x > 0 else -1
-        near[5] = v + 1 if x < nx - 1 else -1
+        face_neighbours(v, nz, ny, nx, near)
         height = squared[v]
         earlier = 0
         for k in range(6):
@@ -424,6 +416,19 @@ def _pop(heap, size):
 
 
 @njit(cache=True)
+def _pop_odd(heap, size):
+    """Take out the largest value that is there an odd number of times (pairs cancel), 0 if none is, and the
+    size left."""
+    while size > 0:
+        value = heap[0]
+        size = _pop(heap, size)
+        if size == 0 or heap[0] != value:
+            return value, size
+        size = _pop(heap, size)
+    return np.int32(0), size
+
+
+@njit(cache=True)
 def _ended(relations, count):
     """Classes 0 ... `count`, the older the lower, that the relations end: (count + 1,) bool.
 
@@ -441,32 +446,23 @@ def _ended(relations, count):
         for i in range(4):
             if relations[r, i] > 0:
                 heap, size = _push(heap, size, relations[r, i])
-        while size > 0:
-            youngest = heap[0]
-            size = _pop(heap, size)
-            if size > 0 and heap[0] == youngest:
-                size = _pop(heap, size)
-                continue
+        youngest, size = _pop_odd(heap, size)
+        while youngest > 0:
             if length[youngest] == 0:
                 ends[youngest] = True
                 start[youngest] = used
-                length[youngest] = 1
                 while used + size + 1 > reduced.size:
                     reduced = _grown(reduced)
-                reduced[used] = youngest
-                used += 1
-                while size > 0:
-                    value = heap[0]
-                    size = _pop(heap, size)
-                    if size > 0 and heap[0] == value:
-                        size = _pop(heap, size)
-                        continue
+                value = youngest
+                while value > 0:
                     reduced[used] = value
                     used += 1
                     length[youngest] += 1
+                    value, size = _pop_odd(heap, size)
                 break
             for p in range(start[youngest] + 1, start[youngest] + length[youngest]):
                 heap, size = _push(heap, size, reduced[p])
+            youngest, size = _pop_odd(heap, size)
     return ends
 
 
@@ -487,7 +483,7 @@ def pore_betti_numbers(pore: np.ndarray) -> tuple[int, int, int]:
     pore = np.ascontiguousarray(pore, bool)
     components = _count_pieces(pore, True, False)
     cavities = _count_pieces(pore, False, True) - 1
-    return components, components + cavities - _euler(pore), cavities
+    return components, components + cavities - euler_number(pore), cavities
 
 
 @njit(cache=True)
@@ -542,25 +538,3 @@ def _count_pieces(image, value, corners):
                     own = parent[count] = count
                 plane[y + 1, x + 1] = own
     return pieces
-
-
-@njit(cache=True)
-def _euler(pore):
-    """Vertices less edges plus squares less cubes of the complex of pore voxels."""
-    nz, ny, nx = pore.shape
-    total = 0
-    for z in range(nz):
-        for y in range(ny):
-            for x in range(nx):
-                if not pore[z, y, x]:
-                    continue
-                a = z + 1 < nz and pore[z + 1, y, x]
-                b = y + 1 < ny and pore[z, y + 1, x]
-                c = x + 1 < nx and pore[z, y, x + 1]
-                ab = a and b and pore[z + 1, y + 1, x]
-                ac = a and c and pore[z + 1, y, x + 1]
-                bc = b and c and pore[z, y + 1, x + 1]
-                total += 1 - a - b - c + ab + ac + bc
-                if ab and ac and bc and pore[z + 1, y + 1, x + 1]:
-                    total -= 1
-    return total
