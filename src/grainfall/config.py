@@ -15,7 +15,7 @@ from jsonschema import Draft202012Validator
 from grainfall.errors import InputError
 
 VARIANT_KEYS = ("scene", "packing", "effects", "feedback", "network", "flow")
-RESERVED = ("benchmarks", "accuracy")
+RESERVED = ("benchmarks", "accuracy", "data", "validation", "cv_sweep")
 """Names under results/ that no sample may take."""
 
 
@@ -174,6 +174,18 @@ def variant(whole: dict, name: str) -> dict:
     return merge(whole, whole["variants"][name])
 
 
+def synthesis(whole: dict, row: dict, schema: dict, where: str) -> dict:
+    """The ``synthetic`` keys as one sample sees them: its own over the config's.
+
+    Raises
+    ------
+    InputError
+        When the sample's own do not fit the schema of the config.
+    """
+    check({"samples": "-", "synthetic": row.get("synthetic") or {}}, schema, where)
+    return merge(whole["synthetic"], row.get("synthetic"))
+
+
 def read_samples(samples: str | dict, schema: dict) -> dict[str, dict]:
     """The sample sheet as a mapping of name to values.
 
@@ -249,6 +261,11 @@ def _check_sample(row: dict, where: str) -> None:
         raise InputError(where, "pixel_size_um is missing", "the edge of a pixel in micrometres")
     parse_phases(row.get("phases"))
     if row["kind"] == "synthetic":
+        return
+    if row["kind"] == "slice":
+        for key, right in (("data", "an entry of the config's data"), ("slice", "axis and plane: z200")):
+            if key not in row:
+                raise InputError(where, f"{key} is missing", right)
         return
     if not row.get("image"):
         raise InputError(where, "image is missing", "the path of the section")

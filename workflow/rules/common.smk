@@ -23,14 +23,21 @@ try:
         config, CONFIG_SCHEMA, sheet.load_yaml(HOUSE / "config/presets.yaml")
     )
     SAMPLES = sheet.read_samples(CONFIG["samples"], SAMPLE_SCHEMA)
+    SYNTHESES = {
+        name: sheet.synthesis(CONFIG, row, CONFIG_SCHEMA, f"config: sample {name}")
+        for name, row in SAMPLES.items()
+        if row["kind"] == "synthetic"
+    }
 except InputError as fault:
     raise WorkflowError(str(fault))
 
 VARIANTS = {name: sheet.variant(CONFIG, name) for name in CONFIG["variants"]}
 REALIZATIONS = range(CONFIG["realizations"])
-SYNTHETIC = [name for name, row in SAMPLES.items() if row["kind"] == "synthetic"]
+SLICES = [name for name, row in SAMPLES.items() if row["kind"] == "slice"]
 REFERENCED = [
-    name for name, row in SAMPLES.items() if row.get("reference") or name in SYNTHETIC
+    name
+    for name, row in SAMPLES.items()
+    if row.get("reference") or name in SYNTHESES or name in SLICES
 ]
 
 # Folders of results, from the whole to the single twin.
@@ -118,6 +125,11 @@ def stream(wildcards):
 def sample_row(wildcards):
     """The sample's row of the sheet."""
     return SAMPLES[wildcards.sample]
+
+
+def synthesis(wildcards):
+    """The synthetic rock of a sample."""
+    return SYNTHESES[wildcards.sample]
 
 
 def sample_image(wildcards):

@@ -11,7 +11,7 @@ rule synthesise:
     benchmark:
         f"{SAMPLE}/benchmarks/synthesise.tsv"
     wildcard_constraints:
-        sample=any_of(SYNTHETIC),
+        sample=any_of(SYNTHESES),
     cache: CACHEABLE
     conda:
         ENVS["analysis"]
@@ -21,7 +21,7 @@ rule synthesise:
     params:
         stream=stream,
         row=sample_row,
-        settings=settings("synthetic"),
+        rock=synthesis,
         science=science("section"),
     script:
         "../../scripts/synthesise.py"
@@ -37,7 +37,7 @@ rule read_section:
     benchmark:
         f"{SAMPLE}/benchmarks/read_section.tsv"
     wildcard_constraints:
-        sample=any_of(s for s in SAMPLES if s not in SYNTHETIC),
+        sample=any_of(s for s in SAMPLES if s not in SYNTHESES and s not in SLICES),
     conda:
         ENVS["analysis"]
     resources:
@@ -61,7 +61,7 @@ rule read_reference:
     benchmark:
         f"{SAMPLE}/benchmarks/read_reference.tsv"
     wildcard_constraints:
-        sample=any_of(s for s in REFERENCED if s not in SYNTHETIC),
+        sample=any_of(s for s in REFERENCED if s not in SYNTHESES and s not in SLICES),
     conda:
         ENVS["analysis"]
     resources:
