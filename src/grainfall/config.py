@@ -186,6 +186,20 @@ def synthesis(whole: dict, row: dict, schema: dict, where: str) -> dict:
     return merge(whole["synthetic"], row.get("synthetic"))
 
 
+def check_data(samples: dict[str, dict], data: dict) -> None:
+    """Every sample of kind slice names an entry of ``data``; no other one does.
+
+    Raises
+    ------
+    InputError
+        For the first sample that does not.
+    """
+    for name, row in samples.items():
+        if row["kind"] == "slice" and row["data"] not in data:
+            known = ", ".join(data) or "none is there: add it"
+            raise InputError(f"config: sample {name}", f"data '{row['data']}' is unknown", f"one of: {known}")
+
+
 def read_samples(samples: str | dict, schema: dict) -> dict[str, dict]:
     """The sample sheet as a mapping of name to values.
 
@@ -257,7 +271,7 @@ def _number(text: str, where: str, kind: str) -> float | int:
 
 
 def _check_sample(row: dict, where: str) -> None:
-    if "pixel_size_um" not in row:
+    if "pixel_size_um" not in row and row["kind"] != "slice":
         raise InputError(where, "pixel_size_um is missing", "the edge of a pixel in micrometres")
     parse_phases(row.get("phases"))
     if row["kind"] == "synthetic":

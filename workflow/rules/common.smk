@@ -23,6 +23,7 @@ try:
         config, CONFIG_SCHEMA, sheet.load_yaml(HOUSE / "config/presets.yaml")
     )
     SAMPLES = sheet.read_samples(CONFIG["samples"], SAMPLE_SCHEMA)
+    sheet.check_data(SAMPLES, CONFIG["data"])
     SYNTHESES = {
         name: sheet.synthesis(CONFIG, row, CONFIG_SCHEMA, f"config: sample {name}")
         for name, row in SAMPLES.items()
@@ -38,6 +39,15 @@ REFERENCED = [
     name
     for name, row in SAMPLES.items()
     if row.get("reference") or name in SYNTHESES or name in SLICES
+]
+
+TOMOGRAMS = list(SYNTHESES) if CONFIG["case"] == "xct" else []
+# Volumes that are measured as a 3D reference is, by their folder: references of samples, what was fetched,
+# tomograms. Slices of one volume share its measurements.
+MEASURED = [
+    *(name for name in REFERENCED if name not in SLICES),
+    *(f"data/{name}" for name in CONFIG["data"]),
+    *(f"{name}/tomogram" for name in TOMOGRAMS),
 ]
 
 # Folders of results, from the whole to the single twin.
@@ -70,7 +80,7 @@ def any_of(names):
 
 
 wildcard_constraints:
-    sample=any_of(SAMPLES),
+    sample=any_of([*SAMPLES, *MEASURED]),
     variant=any_of(VARIANTS),
     realization=r"\d+",
     packing="first|second",

@@ -72,3 +72,116 @@ rule read_reference:
         science=science("section"),
     script:
         "../../scripts/read_reference.py"
+
+
+MEASUREMENTS = (
+    "reference_network_pores.csv",
+    "reference_network_throats.csv",
+    "reference_flow.csv",
+    "reference_s2.csv",
+)
+
+
+def data_entry(wildcards):
+    return CONFIG["data"][wildcards.data]
+
+
+def sliced_volume(wildcards):
+    return f"results/data/{SAMPLES[wildcards.sample]['data']}/reference.zarr.zip"
+
+
+def sliced_measurements(wildcards):
+    folder = f"results/data/{SAMPLES[wildcards.sample]['data']}"
+    return [f"{folder}/{name}" for name in MEASUREMENTS]
+
+
+def data_source(wildcards):
+    """The file as it was published: from this machine, or through Snakemake's storage."""
+    source = CONFIG["data"][wildcards.data]["source"]
+    if not source.startswith(("http://", "https://")):
+        return source
+    return storage.http(source)
+
+
+rule fetch:
+    input:
+        published=data_source,
+    output:
+        reference="results/data/{data}/reference.zarr.zip",
+    log:
+        "results/data/{data}/logs/fetch.log",
+    benchmark:
+        "results/data/{data}/benchmarks/fetch.tsv"
+    conda:
+        ENVS["analysis"]
+    resources:
+        mem_mb=4000,
+        runtime=30,
+    params:
+        known=data_entry,
+        science=science("section"),
+    script:
+        "../../scripts/fetch.py"
+
+
+rule cut_section:
+    input:
+        volume=sliced_volume,
+    output:
+        section=f"{SAMPLE}/section.zarr.zip",
+    log:
+        f"{SAMPLE}/logs/cut_section.log",
+    benchmark:
+        f"{SAMPLE}/benchmarks/cut_section.tsv"
+    wildcard_constraints:
+        sample=any_of(SLICES),
+    conda:
+        ENVS["analysis"]
+    resources:
+        mem_mb=4000,
+        runtime=30,
+    params:
+        row=sample_row,
+        science=science("section"),
+    script:
+        "../../scripts/cut_section.py"
+
+
+rule shared_reference:
+    input:
+        sliced_measurements,
+    output:
+        [f"{SAMPLE}/{name}" for name in MEASUREMENTS],
+    log:
+        f"{SAMPLE}/logs/shared_reference.log",
+    wildcard_constraints:
+        sample=any_of(SLICES),
+    localrule: True
+    shell:
+        "cp -t results/{wildcards.sample} {input} > {log} 2>&1"
+
+
+rule tomogram:
+    input:
+        rock=f"{SAMPLE}/reference.zarr.zip",
+    output:
+        tomogram=f"{SAMPLE}/tomogram/reference.zarr.zip",
+        grey=f"{SAMPLE}/tomogram/grey.zarr.zip",
+        report=f"{SAMPLE}/tomogram/tomogram.json",
+    log:
+        f"{SAMPLE}/logs/tomogram.log",
+    benchmark:
+        f"{SAMPLE}/benchmarks/tomogram.tsv"
+    wildcard_constraints:
+        sample=any_of(TOMOGRAMS),
+    conda:
+        ENVS["analysis"]
+    resources:
+        mem_mb=4000,
+        runtime=30,
+    params:
+        stream=stream,
+        settings=settings("tomogram"),
+        science=science("section"),
+    script:
+        "../../scripts/tomogram.py"

@@ -42,6 +42,8 @@ class Mineral:
         Coefficient of variation of the radius (lognormal).
     elongation : float
         Standard deviation of the logarithm of the half-axes; 0 gives equal axes.
+    sizes : ndarray, optional
+        Radii to draw from instead of a lognormal distribution.
     """
 
     name: str
@@ -49,6 +51,7 @@ class Mineral:
     radius_um: float
     cv: float = 0.25
     elongation: float = 0.15
+    sizes: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -333,11 +336,16 @@ def _distance(x: np.ndarray, point: np.ndarray, box: np.ndarray) -> np.ndarray:
 
 
 def _radii(rng: np.random.Generator, mineral: Mineral, volume: float) -> np.ndarray:
-    """Lognormal radii whose spheres add up to ``volume`` as nearly as whole grains can."""
+    """Radii whose spheres add up to ``volume`` as nearly as whole grains can."""
     sigma2 = math.log(1 + mineral.cv**2)
-    mean_volume = 4 / 3 * np.pi * mineral.radius_um**3 * math.exp(3 * sigma2)
-    n = max(4, int(2 * volume / mean_volume) + 16)
-    r = rng.lognormal(math.log(mineral.radius_um) - sigma2 / 2, math.sqrt(sigma2), n)
+    cubed = (
+        mineral.radius_um**3 * math.exp(3 * sigma2) if mineral.sizes is None else (mineral.sizes**3).mean()
+    )
+    n = max(4, int(2 * volume / (4 / 3 * np.pi * cubed)) + 16)
+    if mineral.sizes is None:
+        r = rng.lognormal(math.log(mineral.radius_um) - sigma2 / 2, math.sqrt(sigma2), n)
+    else:
+        r = rng.choice(mineral.sizes, n)
     filled = np.cumsum(4 / 3 * np.pi * r**3)
     return r[: max(1, int(np.searchsorted(filled, volume)) + 1)]
 

@@ -1,0 +1,57 @@
+"""Spheres of one spread of sizes: the truth, and packs of the sizes that its section tells with and without
+the inversion, all of one porosity."""
+
+import numpy as np
+import pandas as pd
+from _stage import stage
+
+from grainfall import flow, io, morphology, random, stereology
+from grainfall.section import Mineral, synthesise
+
+with stage(snakemake) as progress:
+    sweep, origin = snakemake.params.sweep, snakemake.wildcards
+    cv, radius, edge = float(origin.cv), sweep["voxels_per_radius"], sweep["edge"]
+    where = {
+        "seed": snakemake.params.seed,
+        "sample": f"cv_sweep/{origin.cv}",
+        "realization": int(origin.truth),
+    }
+
+    def spheres(chapter, shape, mineral):
+        return synthesise(
+            random.generator(**where, chapter=chapter),
+            shape,
+            1.0,
+            [mineral],
+            exponent=2,
+            packed_porosity=sweep["porosity"],
+        )
+
+    truth = spheres("section/synthetic", (edge, *sweep["section"]), Mineral("glass", 1.0, radius, cv, 0.0))
+    phase, grain = truth.section(0.5)
+    seen = morphology.analyse(phase, 0.5, instances=grain).grains
+    sizes = stereology.unfold_table(seen, method="adaptive", bootstrap=0)
+    rows = []
+    for name, which in (("truth", None), ("full", "f3d"), ("no_inversion", "f2d")):
+        if which is None:
+            pack = truth
+        else:
+            # one stream of numbers for both: the comparison is paired
+            drawn = stereology.draw_radii(sizes, 20_000, random.generator(**where, chapter="sizes"), which)
+            pack = spheres("packing", (edge,) * 3, Mineral("glass", 1.0, 0.0, 0.0, 0.0, np.sort(drawn)))
+        cube, r = pack.cube(edge), pack.sizes().r_um
+        along = flow.permeability(cube == 0, 1.0, "network").k_md
+        rows.append(
+            {
+                "cv": cv,
+                "truth": int(origin.truth),
+                "variant": name,
+                "sections": int((seen.weight > 0).sum()),
+                "porosity": (cube == 0).mean(),
+                "r_um": r.mean(),
+                "r_sauter_um": (r**3).sum() / (r**2).sum(),
+                "k_md": along.mean(),
+            }
+        )
+        progress.say("{variant}: mean radius {r_um:.3f}, K {k_md:.4g} mD".format(**rows[-1]))
+    io.write_table(snakemake.output[0], pd.DataFrame(rows))

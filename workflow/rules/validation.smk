@@ -1,0 +1,203 @@
+"""Validation: the paper's cases as studies, what is finished of them in one table, its figures and its page."""
+
+PAPER_FIGURES = [
+    "permeability",
+    "motivation",
+    "pipeline",
+    "masks",
+    "sizes2d",
+    "grain",
+    "two_packing",
+    "virtual_sizes",
+    "sample1_full",
+    "sample1_no_inversion",
+    "sample1_s2",
+    "sample2",
+    "sample2_analysis",
+    "sample3",
+    "sample3_analysis",
+    "berea",
+    "cv_sweep",
+]
+
+
+def known_cases():
+    """Samples and variants of every case, this config's own in place of its namesake's."""
+    studies = [
+        sheet.load_yaml(path)
+        for path in sorted((HOUSE / "config/cases").glob("*.yaml"))
+    ]
+    found = {study["case"]: study for study in studies if study.get("case")}
+    if CONFIG["case"]:
+        found[CONFIG["case"]] = CONFIG
+    order = CONFIG_SCHEMA["properties"]["case"]["enum"]
+    return {
+        case: {
+            "samples": list(found[case]["samples"]),
+            "variants": list(found[case].get("variants", {"full": {}})),
+        }
+        for case in order
+        if case in found
+    }
+
+
+def come_so_far(wildcards):
+    """What is there to be gathered, with its age. No input: a page of what there is asks for no twin."""
+    found = [
+        *Path("results").glob("*/*/*/metrics.csv"),
+        *Path("results").glob("cv_sweep/*/*.csv"),
+        *Path("results").glob("*/tomogram/reference_flow.csv"),
+    ]
+    return {str(path): path.stat().st_mtime_ns for path in sorted(found)}
+
+
+def twins_of_case(wildcards):
+    if CONFIG["case"] == "cv_sweep":
+        return []
+    return twins("metrics.csv")
+
+
+def sweep_of_case(wildcards):
+    if CONFIG["case"] != "cv_sweep":
+        return []
+    sweep = CONFIG["cv_sweep"]
+    return expand(
+        "results/cv_sweep/{cv}/{truth}.csv",
+        cv=[f"{cv:g}" for cv in sweep["cv"]],
+        truth=range(sweep["truths"]),
+    )
+
+
+def tomograms_of_case(wildcards):
+    names = (
+        "reference_flow.csv",
+        "reference_network_pores.csv",
+        "reference_s2.csv",
+        "s2_envelope.json",
+    )
+    return expand(f"{SAMPLE}/tomogram/{{name}}", sample=TOMOGRAMS, name=names)
+
+
+rule case:
+    input:
+        twins_of_case,
+        sweep_of_case,
+        tomograms_of_case,
+    localrule: True
+
+
+rule sweep:
+    output:
+        "results/cv_sweep/{cv}/{truth}.csv",
+    log:
+        "results/cv_sweep/{cv}/logs/{truth}.log",
+    benchmark:
+        "results/cv_sweep/{cv}/benchmarks/{truth}.tsv"
+    wildcard_constraints:
+        cv=r"[0-9.]+",
+        truth=r"\d+",
+    conda:
+        ENVS["analysis"]
+    resources:
+        mem_mb=4000,
+        runtime=60,
+    params:
+        seed=CONFIG["seed"],
+        sweep=CONFIG["cv_sweep"],
+        science=science("section", "morphology", "stereology", "flow"),
+    script:
+        "../../scripts/sweep.py"
+
+
+use rule s2_envelope as tomogram_envelope with:
+    input:
+        labels=f"{SAMPLE}/labels.zarr.zip",
+        twins=[f"{SAMPLE}/tomogram/reference.zarr.zip"],
+    output:
+        envelope=f"{SAMPLE}/tomogram/s2_envelope.csv",
+        test=f"{SAMPLE}/tomogram/s2_envelope.json",
+    log:
+        f"{SAMPLE}/logs/tomogram_envelope.log",
+    benchmark:
+        f"{SAMPLE}/benchmarks/tomogram_envelope.tsv"
+
+
+rule validation_table:
+    output:
+        table="results/validation.csv",
+    log:
+        "results/validation/logs/table.log",
+    benchmark:
+        "results/validation/benchmarks/table.tsv"
+    conda:
+        ENVS["report"]
+    resources:
+        mem_mb=4000,
+        runtime=30,
+    params:
+        cases=known_cases(),
+        found=come_so_far,
+        science=science("report.validation"),
+    script:
+        "../../scripts/validation_table.py"
+
+
+rule paper_figure:
+    input:
+        "results/validation.csv",
+    output:
+        svg="results/validation/{paper_figure}.svg",
+        pdf="results/validation/{paper_figure}.pdf",
+        png="results/validation/{paper_figure}.png",
+    log:
+        "results/validation/logs/{paper_figure}.log",
+    benchmark:
+        "results/validation/benchmarks/{paper_figure}.tsv"
+    wildcard_constraints:
+        paper_figure=any_of(PAPER_FIGURES),
+    conda:
+        ENVS["report"]
+    resources:
+        mem_mb=4000,
+        runtime=15,
+    params:
+        cases=known_cases(),
+        science=science("report"),
+    script:
+        "../../scripts/paper_figure.py"
+
+
+rule validation_page:
+    input:
+        table="results/validation.csv",
+        figures=expand(
+            "results/validation/{paper_figure}.svg", paper_figure=PAPER_FIGURES
+        ),
+    output:
+        page=report(
+            "results/validation.html",
+            category="Summary",
+            caption="../report/validation.rst",
+            labels={"table": "the paper's cases"},
+        ),
+    log:
+        "results/validation/logs/page.log",
+    benchmark:
+        "results/validation/benchmarks/page.tsv"
+    conda:
+        ENVS["report"]
+    resources:
+        mem_mb=4000,
+        runtime=15,
+    params:
+        cases=known_cases(),
+        science=science("report"),
+    script:
+        "../../scripts/validation_page.py"
+
+
+rule validation:
+    input:
+        "results/validation.csv",
+        "results/validation.html",
+    localrule: True
