@@ -5,8 +5,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 SNAKEMAKE := $(BIN)/snakemake --profile workflow/profiles/local --cores $(CORES)
 IMAGE ?=
+BEREA ?= $(wildcard ../shared/data/berea/berea_400_pore1.tif)
+CASES := stereology virtual_spheres virtual_spheres_deep berea xct cv_sweep
 
-.PHONY: demo test lint format thin-section engines report bench-stereology bench-segmentation bench-engines bench-creep bench-packing bench-decomposition bench-network bench-permeability hard-cases clean
+.PHONY: demo test lint format cases validation thin-section engines report bench-stereology bench-segmentation bench-engines bench-creep bench-packing bench-decomposition bench-network bench-permeability hard-cases clean
 
 demo: $(VENV)/.ready  ## the embedded demo, to results/summary.csv and results/report.html
 	$(SNAKEMAKE)
@@ -22,6 +24,21 @@ $(VENV)/.ready: requirements.lock pyproject.toml
 	$(PYTHON) -m pip --python $(BIN)/python install --disable-pip-version-check --no-deps -r requirements.lock
 	$(PYTHON) -m pip --python $(BIN)/python install --disable-pip-version-check --no-deps --no-build-isolation -q -e .
 	@touch $@
+
+cases: $(addprefix case-,$(CASES))  ## the validation cases (days on two cores; goes on where it was stopped), then the page
+
+# What is finished goes into results/validation.html, also where the case stops half-way.
+case-%: $(VENV)/.ready  ## one case: make case-stereology; fewer twins: make case-stereology REALIZATIONS=1
+	$(SNAKEMAKE) --keep-going --configfile config/cases/$*.yaml \
+		$(if $(REALIZATIONS)$(and $(filter berea,$*),$(BEREA)),--config) \
+		$(if $(REALIZATIONS),realizations=$(REALIZATIONS)) \
+		$(if $(and $(filter berea,$*),$(BEREA)),'data={"berea": {"source": "$(BEREA)"}}') \
+		-- case; status=$$?; $(VALIDATION) && exit $$status
+
+VALIDATION = $(SNAKEMAKE) --configfile config/cases/stereology.yaml -- validation
+
+validation: $(VENV)/.ready  ## table and page of whatever of the cases is finished
+	$(VALIDATION)
 
 thin-section: $(VENV)/.ready  ## a real section: make thin-section IMAGE=path/to/miocene_20_2_instances.npz
 	@test -n "$(IMAGE)" || { echo "say which image: make thin-section IMAGE=path/to/instances.npz"; exit 1; }

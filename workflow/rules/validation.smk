@@ -142,37 +142,35 @@ rule validation_table:
         "../../scripts/validation_table.py"
 
 
-rule paper_figure:
+rule paper_figures:
     input:
         "results/validation.csv",
     output:
-        svg="results/validation/{paper_figure}.svg",
-        pdf="results/validation/{paper_figure}.pdf",
-        png="results/validation/{paper_figure}.png",
+        expand(
+            "results/validation/{name}.{kind}",
+            name=PAPER_FIGURES,
+            kind=("svg", "pdf", "png"),
+        ),
     log:
-        "results/validation/logs/{paper_figure}.log",
+        "results/validation/logs/figures.log",
     benchmark:
-        "results/validation/benchmarks/{paper_figure}.tsv"
-    wildcard_constraints:
-        paper_figure=any_of(PAPER_FIGURES),
+        "results/validation/benchmarks/figures.tsv"
     conda:
         ENVS["report"]
     resources:
-        mem_mb=4000,
-        runtime=15,
+        mem_mb=6000,
+        runtime=30,
     params:
         cases=known_cases(),
         science=science("report"),
     script:
-        "../../scripts/paper_figure.py"
+        "../../scripts/paper_figures.py"
 
 
 rule validation_page:
     input:
         table="results/validation.csv",
-        figures=expand(
-            "results/validation/{paper_figure}.svg", paper_figure=PAPER_FIGURES
-        ),
+        figures=expand("results/validation/{name}.svg", name=PAPER_FIGURES),
     output:
         page=report(
             "results/validation.html",
