@@ -19,6 +19,7 @@ from matplotlib.colors import to_rgb, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import FancyArrowPatch, Patch
+from matplotlib.ticker import NullFormatter
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from skimage.measure import find_contours
 
@@ -135,7 +136,7 @@ def _circles(axes, pores: pd.DataFrame, offset=(0.0, 0.0), colour: str = PORE_CI
         EllipseCollection(
             2 * r, 2 * r, np.zeros(len(r)), units="xy",
             offsets=pores[["x_um", "y_um"]].to_numpy() - np.asarray(offset),
-            offset_transform=axes.transData, facecolor=to_rgba(colour, 0.6), edgecolor="#7A2E58",
+            offset_transform=axes.transData, facecolor=to_rgba(colour, 0.85), edgecolor="#7A2E58",
             linewidths=0.5,
         )
     )  # fmt: skip
@@ -429,7 +430,14 @@ def _s2_ensemble(axes, cases: Cases, case: str, variants: Sequence[tuple]) -> bo
     each = np.array([on(c) for c in truth])
     if len(each) > 1:
         axes.fill_between(grid, each.min(0), each.max(0), color=to_rgba(TRUTH, 0.25), lw=0)
-    axes.plot(grid, each.mean(0), color=TRUTH, ls=DASHED, lw=2.2, label=f"original ({len(each)} truths)")
+    axes.plot(
+        grid,
+        each.mean(0),
+        color=TRUTH,
+        ls=DASHED,
+        lw=2.2,
+        label=f"original ({len(each)} truth{'s' if len(each) > 1 else ''})",
+    )
     axes.set(xlabel="lag (µm)", ylabel="S₂ of the solid (probability)", xlim=(0, grid[-1]))
     axes.legend()
     return True
@@ -513,6 +521,8 @@ def _pore_sizes(axes, volumes: Sequence[tuple], zoom: bool = True) -> None:
         panels.append(axes.inset_axes([0.5, 0.38, 0.48, 0.4]))
         panels[1].set_yscale("log")
         panels[1].tick_params(labelsize=6)
+        panels[1].yaxis.set_major_formatter("{x:g}")
+        panels[1].yaxis.set_minor_formatter(NullFormatter())
     for values, colour, style, name in pooled:
         density = np.histogram(values, edges)[0] / len(values) / np.diff(edges)
         for panel in panels:

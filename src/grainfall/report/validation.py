@@ -348,6 +348,8 @@ def aggregate(figures: pd.DataFrame) -> pd.DataFrame:
         truth = by_truth["truth"].mean()
         if quantity == "porosity_miss":
             mean, lower, upper = group["value"].max(), math.nan, math.nan
+        elif quantity == "s2_envelope_p":  # one test for all twins of a truth
+            _, mean, lower, upper = t_interval(by_truth["value"].to_numpy(float))
         else:
             _, mean, lower, upper = t_interval((by_truth if truths > 1 else group)["value"].to_numpy(float))
         base = quantity.partition("@")[0]
