@@ -190,3 +190,94 @@ def timed(*jobs):
 def figure_caption(wildcards):
     """The words of a figure, one source for the report and for Snakemake's."""
     return TEXTS[wildcards.figure].caption
+
+
+# ---- published volumes and slices of them
+
+MEASUREMENTS = (
+    "reference_network_pores.csv",
+    "reference_network_throats.csv",
+    "reference_flow.csv",
+    "reference_s2.csv",
+)
+
+
+def data_entry(wildcards):
+    return CONFIG["data"][wildcards.data]
+
+
+def sliced_volume(wildcards):
+    return f"results/data/{SAMPLES[wildcards.sample]['data']}/reference.zarr.zip"
+
+
+def sliced_measurements(wildcards):
+    folder = f"results/data/{SAMPLES[wildcards.sample]['data']}"
+    return [f"{folder}/{name}" for name in MEASUREMENTS]
+
+
+def data_source(wildcards):
+    """The file as it was published: from this machine, or through Snakemake's storage."""
+    source = CONFIG["data"][wildcards.data]["source"]
+    if not source.startswith(("http://", "https://")):
+        return source
+    return storage.http(source)
+
+
+# ---- the validation cases
+
+
+def known_cases():
+    """Samples and variants of every case, this config's own in place of its namesake's."""
+    studies = [
+        sheet.load_yaml(path)
+        for path in sorted((HOUSE / "config/cases").glob("*.yaml"))
+    ]
+    found = {study["case"]: study for study in studies if study.get("case")}
+    if CONFIG["case"]:
+        found[CONFIG["case"]] = CONFIG
+    order = CONFIG_SCHEMA["properties"]["case"]["enum"]
+    return {
+        case: {
+            "samples": list(found[case]["samples"]),
+            "variants": list(found[case].get("variants", {"full": {}})),
+        }
+        for case in order
+        if case in found
+    }
+
+
+def come_so_far(wildcards):
+    """What is there to be gathered, with its age. No input: a page of what there is asks for no twin."""
+    found = [
+        *Path("results").glob("*/*/*/metrics.csv"),
+        *Path("results").glob("cv_sweep/*/*.csv"),
+        *Path("results").glob("*/tomogram/reference_flow.csv"),
+    ]
+    return {str(path): path.stat().st_mtime_ns for path in sorted(found)}
+
+
+def twins_of_case(wildcards):
+    if CONFIG["case"] == "cv_sweep":
+        return []
+    return twins("metrics.csv")
+
+
+def sweep_of_case(wildcards):
+    if CONFIG["case"] != "cv_sweep":
+        return []
+    sweep = CONFIG["cv_sweep"]
+    return expand(
+        "results/cv_sweep/{cv}/{truth}.csv",
+        cv=[f"{cv:g}" for cv in sweep["cv"]],
+        truth=range(sweep["truths"]),
+    )
+
+
+def tomograms_of_case(wildcards):
+    names = (
+        "reference_flow.csv",
+        "reference_network_pores.csv",
+        "reference_s2.csv",
+        "s2_envelope.json",
+    )
+    return expand(f"{SAMPLE}/tomogram/{{name}}", sample=TOMOGRAMS, name=names)

@@ -74,35 +74,6 @@ rule read_reference:
         "../../scripts/read_reference.py"
 
 
-MEASUREMENTS = (
-    "reference_network_pores.csv",
-    "reference_network_throats.csv",
-    "reference_flow.csv",
-    "reference_s2.csv",
-)
-
-
-def data_entry(wildcards):
-    return CONFIG["data"][wildcards.data]
-
-
-def sliced_volume(wildcards):
-    return f"results/data/{SAMPLES[wildcards.sample]['data']}/reference.zarr.zip"
-
-
-def sliced_measurements(wildcards):
-    folder = f"results/data/{SAMPLES[wildcards.sample]['data']}"
-    return [f"{folder}/{name}" for name in MEASUREMENTS]
-
-
-def data_source(wildcards):
-    """The file as it was published: from this machine, or through Snakemake's storage."""
-    source = CONFIG["data"][wildcards.data]["source"]
-    if not source.startswith(("http://", "https://")):
-        return source
-    return storage.http(source)
-
-
 rule fetch:
     input:
         published=data_source,
@@ -157,6 +128,8 @@ rule shared_reference:
     wildcard_constraints:
         sample=any_of(SLICES),
     localrule: True
+    conda:
+        ENVS["analysis"]
     shell:
         "cp -t results/{wildcards.sample} {input} > {log} 2>&1"
 
