@@ -118,3 +118,14 @@ def test_rows_are_found_by_their_keys():
     assert row_of(table, "stereology", "full", "k_ratio")["mean"] == 1.0
     assert row_of(table, "stereology", "full", "k_md") is None
     assert math.isnan(row_of(table, "stereology", "full", "k_ratio")["lower"])
+
+
+def test_the_size_bias_is_judged_by_intervals():
+    def judged(own):
+        table = aggregate(figures(own, "cv_sweep", "no_inversion", "k_ratio@cv0.1"))
+        return next(c for c in claims(table) if c.case == "cv_sweep")
+
+    assert judged({"a": [0.8], "b": [0.81], "c": [0.79]}).status == NOT_SHOWN
+    assert judged({"a": [0.5], "b": [0.51], "c": [0.49]}).status == SHOWN
+    assert judged({"a": [0.8]}).status == OPEN
+    assert "CV 0.1: 0.8" in judged({"a": [0.8]}).ours

@@ -65,6 +65,7 @@ def build_validation(
         )
     page = environment.get_template("validation.html.j2").render(
         parts=parts,
+        shown={part["case"] for part in parts},
         claims=every,
         overview=_figure("permeability", drawn.get("permeability")),
         version=__version__,
