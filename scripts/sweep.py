@@ -4,6 +4,7 @@ the inversion, all of one porosity."""
 import numpy as np
 import pandas as pd
 from _stage import stage
+from scipy import stats
 
 from grainfall import flow, io, morphology, random, stereology
 from grainfall.section import Mineral, synthesise
@@ -17,6 +18,9 @@ with stage(snakemake) as progress:
         "realization": int(origin.truth),
     }
 
+    def glass(radii):
+        return Mineral("glass", 1.0, radii.mean(), 0.0, 0.0, radii)
+
     def spheres(chapter, shape, mineral):
         return synthesise(
             random.generator(**where, chapter=chapter),
@@ -27,7 +31,9 @@ with stage(snakemake) as progress:
             packed_porosity=sweep["porosity"],
         )
 
-    truth = spheres("section/synthetic", (edge, *sweep["section"]), Mineral("glass", 1.0, radius, cv, 0.0))
+    # quantiles of a gamma distribution: the tail of a lognormal one would not fit into the box
+    quantiles = stats.gamma.ppf((np.arange(1000) + 0.5) / 1000, 1 / cv**2, scale=radius * cv**2)
+    truth = spheres("section/synthetic", (edge, *sweep["section"]), glass(quantiles))
     phase, grain = truth.section(0.5)
     seen = morphology.analyse(phase, 0.5, instances=grain).grains
     sizes = stereology.unfold_table(seen, method="adaptive", bootstrap=0)
@@ -38,7 +44,7 @@ with stage(snakemake) as progress:
         else:
             # one stream of numbers for both: the comparison is paired
             drawn = stereology.draw_radii(sizes, 20_000, random.generator(**where, chapter="sizes"), which)
-            pack = spheres("packing", (edge,) * 3, Mineral("glass", 1.0, 0.0, 0.0, 0.0, np.sort(drawn)))
+            pack = spheres("packing", (edge,) * 3, glass(np.sort(drawn)))
         cube, r = pack.cube(edge), pack.sizes().r_um
         along = flow.permeability(cube == 0, 1.0, "network").k_md
         rows.append(
