@@ -262,6 +262,14 @@ def twins_of_case(wildcards):
     return twins("metrics.csv")
 
 
+def references_of_case(wildcards):
+    return (
+        []
+        if CONFIG["case"] == "cv_sweep"
+        else where_referenced("reference_s2.csv")(wildcards)
+    )
+
+
 def sweep_of_case(wildcards):
     if CONFIG["case"] != "cv_sweep":
         return []

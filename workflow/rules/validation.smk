@@ -24,6 +24,7 @@ PAPER_FIGURES = [
 rule case:
     input:
         twins_of_case,
+        references_of_case,
         sweep_of_case,
         tomograms_of_case,
     localrule: True

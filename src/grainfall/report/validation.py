@@ -79,6 +79,10 @@ QUANTITIES: dict[str, Quantity] = {
     "k_of_full": Quantity("permeability over that of the full method, same numbers drawn"),
     "k_over_r2": Quantity("permeability over the squared mean grain radius", "mD/µm²"),
     "k_over_r2_ratio": Quantity("the same over the truth's"),
+    "k_at_equal_n": Quantity(
+        "permeability over the truth's, both scaled to equally many grains in a volume (size taken out)"
+    ),
+    "n_ratio": Quantity("grains in a volume over the truth's"),
     "r_mean_ratio": Quantity("mean 3D grain radius over the truth's"),
     "w1_f3d": Quantity("3D grain radii, Wasserstein distance to the truth over its mean"),
     "s2_gap": Quantity("S₂ in 3D, largest distance to the truth's"),
@@ -166,7 +170,7 @@ def _paired(case: str, sample: str, twins: Sequence) -> list[tuple]:
 def _truth(sample: Path) -> dict:
     """What is known of the rock itself, where there is a 3D reference."""
     found: dict = {}
-    if (sample / "reference_flow.csv").exists():
+    if (sample / "reference_flow.csv").exists() and (sample / "reference_s2.csv").exists():
         found["k"] = _k(sample / "reference_flow.csv")
         found["s2"] = radial(sample / "reference_s2.csv")
         found["porosity"] = 1 - float(found["s2"][1][0])
@@ -241,9 +245,17 @@ def _of_twin(folder: Path, truth: Mapping, sample: str) -> dict[str, tuple]:
         "s2_envelope_p": (metrics.get("s2_envelope_p"), None),
         **_pore_figures(_network_sizes(folder / "network"), truth),
     }
-    if "grains" in truth:
+    if "grains" in truth and "k" in truth:
         bodies = io.read_table(folder / "bodies.csv")
         found |= _grain_figures(bodies[bodies["kind"] == "grain"], truth["grains"], k["md"], k_ref["md"])
+        # everything scales with the distance of the grains: K times the 2/3 power of their number does not
+        box = (4 / 3 * np.pi * truth["grains"]["r_um"] ** 3).sum() / (1 - held)
+        n = metrics["n_grains"] / (np.prod(scene["shape_zyx"]) * scene["voxel_size_um"] ** 3)
+        n_ratio = n / (len(truth["grains"]) / box)
+        found |= {
+            "n_ratio": (n_ratio, 1.0),
+            "k_at_equal_n": (k["md"] / k_ref["md"] * n_ratio ** (2 / 3), 1.0),
+        }
     return found
 
 
