@@ -18,7 +18,7 @@ are voxels, viscosity and conductivity 1.
 
 from __future__ import annotations
 
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -26,9 +26,9 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
-from grainfall.flow.elliptic import AXES, CLOSE, image_axis
-from grainfall.flow.multigrid import Multigrid, dot, solve_symmetric
-from grainfall.flow.staggered import friction
+from grainfall.flow.elliptic import AXES, image_axis
+from grainfall.flow.mobility import mobility
+from grainfall.flow.multigrid import dot
 from grainfall.network import Interfaces, Partition
 
 RESOLVED = 1.0
@@ -99,18 +99,17 @@ def solve(parts: Partition, found: Interfaces) -> dict[str, Rates]:
         :class:`Rates` along x, y and z.
     """
     throats, unknowns = throat_ports(parts, found)
-    pores = Pores(parts)
-    everywhere = np.arange(pores.count)
-    sealed = pores.answers(throats, everywhere)
+    pores = Pores(parts.labels)
+    sealed = pores.answers(throats, np.arange(pores.count))
     rates = {}
     for axis in AXES:
         faces = face_ports(parts, image_axis(axis), unknowns)
         at_faces = np.unique(faces.pore)
-        both = Ports(*(np.concatenate(pair) for pair in zip(throats, faces, strict=True)))
-        inner = np.setdiff1d(everywhere, at_faces)
-        answers = {b: sealed[b] for b in inner if b in sealed} | pores.answers(_by_pore(both), at_faces)
-        hydraulic, imbalance = _between(answers, 0, unknowns)
-        electrical, other = _between(answers, 1, unknowns)
+        both = _by_pore(Ports(*(np.concatenate(pair) for pair in zip(throats, faces, strict=True))))
+        inner = ~np.isin(sealed.pore, at_faces)
+        answers = [Answers(*(values[inner] for values in sealed)), pores.answers(both, at_faces)]
+        hydraulic, imbalance = _between(answers, "hydraulic", unknowns)
+        electrical, other = _between(answers, "electrical", unknowns)
         rates[axis] = Rates(hydraulic, electrical, max(imbalance, other))
     return rates
 
@@ -124,7 +123,7 @@ def throat_ports(parts: Partition, found: Interfaces) -> tuple[Ports, int]:
     beyond = voxel + np.array([shape[1] * shape[2], shape[2], 1])[axis]
     place = np.stack(np.unravel_index(voxel, shape), axis=1).astype(float)
     place[np.arange(len(axis)), axis] += 0.5
-    modes = np.zeros((len(voxel), 4))
+    modes = np.zeros((len(voxel), 4), np.float32)
     modes[:, 0] = 1
     count = np.zeros(len(found.conns), np.int64)
     starts = np.searchsorted(throat, np.arange(len(found.conns) + 1))  # faces come throat by throat
@@ -137,7 +136,7 @@ def throat_ports(parts: Partition, found: Interfaces) -> tuple[Ports, int]:
         modes[mine, 1 : count[t]] = away @ directions[:, wide] / np.sqrt(variance[wide])
     first = np.concatenate([[0], np.cumsum(count)])
     number = np.arange(4)
-    unknowns = np.where(number < count[throat, None], first[throat, None] + number, -1)
+    unknowns = np.where(number < count[throat, None], first[throat, None] + number, -1).astype(np.int32)
     ports = Ports(
         np.concatenate([flat[voxel], flat[beyond]]) - 1,
         np.concatenate([voxel, beyond]),
@@ -156,8 +155,8 @@ def face_ports(parts: Partition, axis: int, unknown: int) -> Ports:
         voxel = index.take(-side, axis)[parts.labels.take(-side, axis) > 0]
         pore = parts.labels.reshape(-1)[voxel] - 1
         way = np.full(len(voxel), 2 * axis + side)
-        unknowns = np.tile([unknown + side, -1, -1, -1], (len(voxel), 1))
-        modes = np.tile([1.0, 0.0, 0.0, 0.0], (len(voxel), 1))
+        unknowns = np.tile(np.array([unknown + side, -1, -1, -1], np.int32), (len(voxel), 1))
+        modes = np.tile(np.array([1, 0, 0, 0], np.float32), (len(voxel), 1))
         ends.append(Ports(pore, voxel, way, unknowns, modes))
     return Ports(*(np.concatenate(pair) for pair in zip(*ends, strict=True)))
 
@@ -167,86 +166,121 @@ def _by_pore(ports: Ports) -> Ports:
     return Ports(*(values[order] for values in ports))
 
 
-Answer: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Unknowns (k,) of a pore, hydraulic and electrical conductances (k, k) between them."""
+class Answers(NamedTuple):
+    """What pores answer to the pressures on their interfaces, entry by entry of their matrices.
+
+    Attributes
+    ----------
+    pore : (e,) int32
+        From 0.
+    row, column : (e,) int32
+        Unknowns.
+    hydraulic, electrical : (e,) float
+        Conductances between them.
+    """
+
+    pore: np.ndarray
+    row: np.ndarray
+    column: np.ndarray
+    hydraulic: np.ndarray
+    electrical: np.ndarray
 
 
 class Pores:
     """The voxels of every pore and the mobilities of their faces."""
 
-    def __init__(self, parts: Partition):
-        self.labels = parts.labels
-        self.count = len(parts.peaks)
-        flat = parts.labels.reshape(-1)
-        voxels = np.flatnonzero(flat)
-        self.voxels = voxels[np.argsort(flat[voxels], kind="stable")]
-        self.starts = np.searchsorted(flat[self.voxels], np.arange(1, self.count + 2))
-        self.mobility = mobility(parts.labels > 0)
-        self.place = np.empty(flat.size, np.int32)
+    def __init__(self, labels: np.ndarray):
+        self.labels = labels
+        self.mobility = mobility(labels > 0)
+        pore = labels.reshape(-1)[self.mobility.voxels]
+        self.count = int(pore.max(initial=0))
+        self.order = np.argsort(pore, kind="stable").astype(self.mobility.voxels.dtype)
+        self.starts = np.concatenate([[0], np.cumsum(np.bincount(pore, minlength=self.count + 1)[1:])])
 
-    def answers(
-        self, ports: Ports, which: np.ndarray
-    ) -> dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    def answers(self, ports: Ports, which: np.ndarray) -> Answers:
         """Conductances of each of the pores ``which`` that has two unknowns; others let nothing through."""
-        found = {}
         starts = np.searchsorted(ports.pore, np.arange(self.count + 1))
-        for b in which:
-            mine = slice(starts[b], starts[b + 1])
-            unknowns = np.unique(ports.unknowns[mine])
-            unknowns = unknowns[unknowns >= 0]
-            if len(unknowns) < 2:
+        first, unknowns = _unknowns(which, starts, ports.unknowns)
+        entries = np.concatenate([[0], np.cumsum(np.diff(first) ** 2)])
+        pore, row, column = _entries(which, first, unknowns, entries)
+        hydraulic, electrical = np.empty(len(pore)), np.empty(len(pore))
+        mobility = self.mobility
+        at_ports = _at_ports(self.labels.shape, mobility.voxels, mobility.lower, *mobility.upper, *ports[1:3])
+        for i, b in enumerate(which):
+            if first[i + 1] == first[i]:
                 continue
-            local = np.where(ports.unknowns[mine] < 0, -1, np.searchsorted(unknowns, ports.unknowns[mine]))
-            means = np.unique(local[:, 0])
-            voxels = self.voxels[self.starts[b] : self.starts[b + 1]]
-            sides = ports.voxel[mine], ports.way[mine]
-            near, mobile = _stencil(self.labels, b + 1, voxels, *sides, self.place, self.mobility)
-            pressed = local, ports.modes[mine]
-            conducting = np.where(near == WALL, 0.0, np.where(near < WALL, 2.0, 1.0))
-            voltage = _potentials(near, conducting, *pressed, means, len(unknowns))
-            electrical, _ = _powers(near, conducting, *pressed, voltage)
-            pressure = _potentials(near, mobile, *pressed, means, len(unknowns))
-            darcy, velocity = _powers(near, mobile, *pressed, pressure)
-            dissipated = _dissipated(voxels, near, velocity, self.mobility)
-            found[int(b)] = unknowns, _corrected(darcy, dissipated, means), electrical
-        return found
+            mine = slice(starts[b], starts[b + 1])
+            own = self.order[self.starts[b] : self.starts[b + 1]]
+            matrices = _conductances(
+                self.labels,
+                mobility.voxels[own],
+                mobility.lower[own],
+                Ports(*(values[mine] for values in ports)),
+                at_ports[mine],
+                unknowns[first[i] : first[i + 1]],
+            )
+            here = slice(entries[i], entries[i + 1])
+            hydraulic[here], electrical[here] = (m.ravel() for m in matrices)
+        return Answers(pore, row, column, hydraulic, electrical)
 
 
-def mobility(pore: np.ndarray) -> np.ndarray:
-    """Velocity (3, nz + 1, ny + 1, nx + 1) on the faces under a uniform unit force along each face's normal.
-
-    Component c, at a voxel's index, is that of the voxel's lower face along axis c; 0 on closed faces. Walls
-    hold it back, and the volume's sides across which it is; those along which it is let it pass.
-    """
-    dense = np.zeros((3, *np.add(pore.shape, 1)), np.float32)
-    for component in range(3):
-        face, volume, matrix = friction(pore, component)
-        dense[tuple(face.T)] = solve_symmetric(matrix, volume, Multigrid(matrix, face), CLOSE)
-    return dense
-
-
-def _corrected(darcy: np.ndarray, dissipated: np.ndarray, means: np.ndarray) -> np.ndarray:
-    """G D^+ G: conductance by what the velocities dissipate. Equal pressures, of which nothing comes, are
-    taken out by grounding an interface and put back by the sum of rates."""
-    k = len(darcy)
-    kept = np.arange(k) != means[-1]
-    g, d = darcy[np.ix_(kept, kept)], dissipated[np.ix_(kept, kept)]
-    grounded = np.eye(k)[kept]
-    grounded[np.isin(np.flatnonzero(kept), means), means[-1]] = -1
-    return grounded.T @ (g @ np.linalg.solve(d, g)) @ grounded
+@njit(cache=True)
+def _unknowns(which, starts, of_ports):
+    """Unknowns of each of the pores ``which``, none where there are less than two, and where they start."""
+    first = np.zeros(len(which) + 1, np.int64)
+    every = np.empty(of_ports.size, np.int32)
+    top = 0
+    for i in range(len(which)):
+        mine = np.unique(of_ports[starts[which[i]] : starts[which[i] + 1]])
+        mine = mine[mine >= 0]
+        if len(mine) > 1:
+            every[top : top + len(mine)] = mine
+            top += len(mine)
+        first[i + 1] = top
+    return first, every[:top].copy()
 
 
-def _between(answers: dict, kind: int, inlet: int) -> tuple[float, float]:
+@njit(cache=True)
+def _entries(which, first, unknowns, entries):
+    pore = np.empty(entries[-1], np.int32)
+    row, column = np.empty_like(pore), np.empty_like(pore)
+    for i in range(len(which)):
+        top = entries[i]
+        for a in unknowns[first[i] : first[i + 1]]:
+            for b in unknowns[first[i] : first[i + 1]]:
+                pore[top], row[top], column[top] = which[i], a, b
+                top += 1
+    return pore, row, column
+
+
+@njit(cache=True)
+def _at_ports(shape, voxels, lower, upper0, upper1, upper2, voxel, way):
+    """Mobilities of the ports."""
+    nz, ny, nx = shape
+    found = np.empty(len(voxel), np.float32)
+    for f in range(len(voxel)):
+        v, c = np.int64(voxel[f]), way[f] // 2
+        z = v // (ny * nx)
+        y = v // nx - z * ny
+        x = v - (z * ny + y) * nx
+        if way[f] % 2:
+            v += ny * nx if c == 0 else nx if c == 1 else 1
+            z, y, x = z + (c == 0), y + (c == 1), x + (c == 2)
+        if z == nz:
+            found[f] = upper0[y, x]
+        elif y == ny:
+            found[f] = upper1[z, x]
+        elif x == nx:
+            found[f] = upper2[z, y]
+        else:
+            found[f] = lower[np.searchsorted(voxels, v), c]
+    return found
+
+
+def _between(answers: list[Answers], kind: str, inlet: int) -> tuple[float, float]:
     """Conductance between unknowns ``inlet`` and the next, and the relative imbalance of the rates there."""
-    rows, columns, values = [], [], []
-    for unknowns, *conductance in answers.values():
-        rows.append(np.repeat(unknowns, len(unknowns)))
-        columns.append(np.tile(unknowns, len(unknowns)))
-        values.append(conductance[kind].ravel())
-    if not rows:
-        return 0.0, 0.0
-    place = np.concatenate(rows), np.concatenate(columns)
-    matrix = csr_array(coo_array((np.concatenate(values), place), shape=(inlet + 2, inlet + 2)))
+    row, column, value = (np.concatenate([getattr(a, n) for a in answers]) for n in ("row", "column", kind))
+    matrix = csr_array(coo_array((value, (row, column)), shape=(inlet + 2, inlet + 2)))
     _, cluster = connected_components(matrix, directed=False)
     if cluster[inlet] != cluster[inlet + 1]:
         return 0.0, 0.0
@@ -267,77 +301,99 @@ WALL = -1
 """Beyond a closed face; numbers below are faces of interfaces, -2 - f."""
 
 
+def _conductances(
+    labels: np.ndarray,
+    voxels: np.ndarray,
+    lower: np.ndarray,
+    ports: Ports,
+    mobile: np.ndarray,
+    unknowns: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Hydraulic and electrical conductances (k, k) between the unknowns of a pore."""
+    # Equal pressures let nothing through: one interface is grounded and put back by the sum of rates.
+    ground = np.searchsorted(unknowns, ports.unknowns[:, 0].max())
+    lane = np.arange(len(unknowns)) - (np.arange(len(unknowns)) > ground)
+    lane[ground] = -1
+    lanes = np.where(ports.unknowns < 0, -1, lane[np.searchsorted(unknowns, ports.unknowns)]).astype(np.int32)
+    back = np.delete(np.eye(len(unknowns)), ground, axis=0)
+    back[np.unique(lanes[lanes[:, 0] >= 0, 0]), ground] = -1
+    near = _stencil(labels.shape, voxels, ports.voxel, ports.way)
+    at_ports = lanes, ports.modes
+    conducting = near, *_bonds(near, np.ones_like(lower)), np.full(len(mobile), 2, np.float32)
+    voltage = _potentials(*conducting, *at_ports, len(back), CLOSE_LOCALLY)
+    electrical = _powers(*conducting, *at_ports, voltage)
+    flowing = near, *_bonds(near, lower), 2 * mobile
+    pressure = _potentials(*flowing, *at_ports, len(back), CLOSE_LOCALLY)
+    hydraulic = _powers(*flowing, *at_ports, pressure)
+    dissipated = _dissipated(labels, voxels, *flowing, *at_ports, pressure)
+    hydraulic = hydraulic @ np.linalg.solve(dissipated, hydraulic)
+    return back.T @ hydraulic @ back, back.T @ electrical @ back
+
+
 @njit(cache=True)
-def _stencil(labels, pore, voxels, port_voxel, port_way, place, mobility):
-    """What lies beyond the six faces of each of the pore's voxels, and conductances of the faces: halfway to
-    the next voxel's centre at interfaces."""
-    flat = labels.reshape(-1)
-    _, ny, nx = labels.shape
-    steps = (ny * nx, nx, 1)
+def _bonds(near, lower):
+    """Voxel beyond each face, n for none, and the conductances of the faces, 0 where there is none."""
+    n = len(near)
+    link, bond = np.full((n, 6), n, np.int32), np.zeros((n, 6), np.float32)
+    for i in range(n):
+        for s in range(6):
+            j = near[i, s]
+            if j >= 0:
+                link[i, s] = j
+                bond[i, s] = lower[j if s % 2 else i, s // 2]
+    return link, bond
+
+
+@njit(cache=True)
+def _stencil(shape, voxels, port_voxel, port_way):
+    """What lies beyond the six faces of each of the pore's voxels, whose flat indices rise."""
+    nz, ny, nx = shape
     n = len(voxels)
     near = np.full((n, 6), WALL, np.int32)
-    weight = np.zeros((n, 6))
-    for i in range(n):
-        place[voxels[i]] = i
-    for i in range(n):
-        v = voxels[i]
-        z = v // (ny * nx)
-        y = v // nx - z * ny
-        x = v - (z * ny + y) * nx
-        at = (z, y, x)
-        for c in range(3):
-            if at[c] + 1 < labels.shape[c] and flat[v + steps[c]] == pore:
-                j = place[v + steps[c]]
-                w = mobility[c, z + (c == 0), y + (c == 1), x + (c == 2)]
+    for c in range(3):
+        step, size = (ny * nx, nz) if c == 0 else (nx, ny) if c == 1 else (1, nx)
+        j = 0
+        for i in range(n):
+            if (voxels[i] // step) % size == size - 1:
+                continue
+            while j < n and voxels[j] < voxels[i] + step:
+                j += 1
+            if j < n and voxels[j] == voxels[i] + step:
                 near[i, 2 * c + 1], near[j, 2 * c] = j, i
-                weight[i, 2 * c + 1] = weight[j, 2 * c] = w
     for f in range(len(port_voxel)):
-        v = port_voxel[f]
-        z = v // (ny * nx)
-        y = v // nx - z * ny
-        x = v - (z * ny + y) * nx
-        c, s = port_way[f] // 2, port_way[f] % 2
-        near[place[v], port_way[f]] = -2 - f
-        w = mobility[c, z + s * (c == 0), y + s * (c == 1), x + s * (c == 2)]
-        weight[place[v], port_way[f]] = 2 * w
-    return near, weight
+        near[np.searchsorted(voxels, port_voxel[f]), port_way[f]] = -2 - f
+    return near
 
 
 @njit(cache=True)
-def _potentials(near, weight, unknowns, modes, means, k):
-    """Potentials (n, k) at unit value of each unknown."""
+def _potentials(near, link, bond, port, lanes, modes, k, close):
+    """Potentials (batches, n + 1, width) of which the first k lanes are at unit value of each unknown."""
     n = len(near)
-    # voxel n, of no weight, stands for walls and interfaces
-    link = np.where(near < 0, n, near)
-    bond = np.where(near < 0, 0, weight).astype(np.float32)
-    diagonal = weight.sum(axis=1).astype(np.float32)
-    # incomplete factors (D + L) D^-1 (D + L^T) that keep the diagonal
-    pivot = np.ones(n + 1, np.float32)
+    diagonal, pivot = np.empty(n, np.float32), np.ones(n + 1, np.float32)
+    batches = (k + AT_ONCE - 1) // AT_ONCE
+    width = (k + batches - 1) // batches
+    width = min(AT_ONCE, (width + 3) // 4 * 4)
+    source = np.zeros((batches, n + 1, width), np.float32)
     for i in range(n):
+        diagonal[i] = bond[i].sum()
+        for s in range(6):
+            if near[i, s] < WALL:
+                f = -2 - near[i, s]
+                diagonal[i] += port[f]
+                for m in range(4):
+                    if lanes[f, m] >= 0:
+                        source[lanes[f, m] // width, i, lanes[f, m] % width] += port[f] * modes[f, m]
+        # incomplete factors (D + L) D^-1 (D + L^T) that keep the diagonal
         pivot[i] = diagonal[i]
         for s in range(0, 6, 2):
             pivot[i] -= bond[i, s] ** 2 / pivot[link[i, s]]
-    found = np.empty((n, k))
-    for first in range(0, k, AT_ONCE):
-        source = np.zeros((n + 1, AT_ONCE), np.float32)
-        for i in range(n):
-            for s in range(6):
-                if near[i, s] < WALL:
-                    f = -2 - near[i, s]
-                    for m in range(4):
-                        if first <= unknowns[f, m] < first + AT_ONCE:
-                            source[i, unknowns[f, m] - first] += weight[i, s] * modes[f, m]
-        last = min(first + AT_ONCE, k)
-        found[:, first:last] = _gradients(link, bond, diagonal, pivot, source)[:n, : last - first]
-    # equal pressures everywhere are no approximate matter: then what flows in flows out
-    found[:, means[-1]] = 1
-    for mean in means[:-1]:
-        found[:, means[-1]] -= found[:, mean]
-    return found
+    for batch in range(batches):
+        source[batch] = _gradients(link, bond, diagonal, pivot, source[batch], close)
+    return source
 
 
 @njit(cache=True)
-def _gradients(link, bond, diagonal, pivot, source):
+def _gradients(link, bond, diagonal, pivot, source, close):
     """Preconditioned conjugate gradients for sources (n + 1, lanes), in Eisenstat's form (1981): to
     solve with the two factors is all that an iteration does. ``source`` is overwritten."""
     n, lanes = len(link), source.shape[1]
@@ -357,7 +413,7 @@ def _gradients(link, bond, diagonal, pivot, source):
         for m in range(lanes):
             direction[i, m] = pivot[i] * residual[i, m]
             rho[m] += direction[i, m] * residual[i, m]
-    target = np.float32(CLOSE_LOCALLY**2) * rho
+    target = np.float32(close**2) * rho
     for _ in range(MOST_STEPS):
         if (rho <= target).all():
             break
@@ -403,59 +459,151 @@ def _gradients(link, bond, diagonal, pivot, source):
 
 
 @njit(cache=True)
-def _powers(near, weight, unknowns, modes, potential):
-    """Powers (k, k) of the potentials and their velocities (n, 6, k) along the axes."""
-    n, k = potential.shape
-    total = np.zeros((k, k))
-    velocity = np.zeros((n, 6, k))
-    rows = np.empty((ROWS, k))
-    top = 0
+def _powers(near, link, bond, port, lanes, modes, potentials):
+    """Powers (k, k) of the potentials."""
+    batches, _, width = potentials.shape
+    total = np.zeros((batches * width, batches * width))
+    for batch in range(batches):
+        # c - b x - x r with b x on the faces and the residual r: as good as the energy, at less work
+        rest = _residual(near, link, bond, port, lanes, modes, potentials[batch], batch)
+        _products(potentials, rest, batch, -1.0, total)
+    n = len(near)
     for i in range(n):
-        if top + 6 > ROWS:
-            total += rows[:top].T @ rows[:top]
-            top = 0
         for s in range(6):
-            j = near[i, s]
-            if j == WALL or (j >= 0 and s % 2 == 0):
-                continue
-            root = np.sqrt(weight[i, s])
-            for m in range(k):
-                rows[top, m] = root * (potential[i, m] - (potential[j, m] if j >= 0 else 0.0))
-            if j < WALL:
-                f = -2 - j
+            if near[i, s] < WALL:
+                f = -2 - near[i, s]
                 for m in range(4):
-                    if unknowns[f, m] >= 0:
-                        rows[top, unknowns[f, m]] -= root * modes[f, m]
-            sign = 1.0 if s % 2 else -1.0
-            for m in range(k):
-                velocity[i, s, m] = sign * root * rows[top, m]
-                if j >= 0:
-                    velocity[j, s - 1, m] = velocity[i, s, m]
-            top += 1
-    total += rows[:top].T @ rows[:top]
-    return total, velocity
+                    if lanes[f, m] < 0:
+                        continue
+                    pull = np.float64(port[f] * modes[f, m])
+                    row = total[lanes[f, m]]
+                    for batch in range(batches):
+                        for b in range(width):
+                            row[batch * width + b] -= pull * potentials[batch, i, b]
+                    for other in range(4):
+                        if lanes[f, other] >= 0:
+                            row[lanes[f, other]] += pull * modes[f, other]
+    return _symmetric(total, lanes)
 
 
 @njit(cache=True)
-def _dissipated(voxels, near, velocity, mobility):
-    """What the velocities dissipate within a pore (k, k): their differences squared, voxel by voxel.
+def _symmetric(total, lanes):
+    k = lanes.max() + 1
+    found = np.empty((k, k))
+    for a in range(k):
+        for b in range(k):
+            found[a, b] = (total[a, b] + total[b, a]) / 2
+    return found
+
+
+@njit(cache=True)
+def _residual(near, link, bond, port, lanes, modes, x, batch):
+    """Of the potentials (n + 1, width) of a batch."""
+    n, width = len(near), x.shape[1]
+    rest = np.zeros((n + 1, width), np.float32)
+    for i in range(n):
+        own = np.float32(0)
+        for s in range(6):
+            j, w = link[i, s], bond[i, s]
+            own += w
+            for m in range(width):
+                rest[i, m] += w * x[j, m]
+            if near[i, s] < WALL:
+                f = -2 - near[i, s]
+                own += port[f]
+                for m in range(4):
+                    if lanes[f, m] >= 0 and lanes[f, m] // width == batch:
+                        rest[i, lanes[f, m] % width] += port[f] * modes[f, m]
+        for m in range(width):
+            rest[i, m] -= own * x[i, m]
+    return rest
+
+
+@njit(cache=True)
+def _products(potentials, other, batch, sign, total):
+    """Add to the columns of a batch the inner products of all lanes with its (n, width)."""
+    batches, n, width = potentials.shape
+    part = np.empty((width, width), np.float32)
+    for left in range(batches):
+        x = potentials[left]
+        for first in range(0, n, ROWS):
+            part[:] = 0
+            for i in range(first, min(first + ROWS, n)):
+                for a in range(width):
+                    own = x[i, a]
+                    for b in range(width):
+                        part[a, b] += own * other[i, b]
+            for a in range(width):
+                for b in range(width):
+                    total[left * width + a, batch * width + b] += sign * part[a, b]
+
+
+@njit(cache=True)
+def _dissipated(labels, voxels, near, link, bond, port, lanes, modes, potentials):
+    """What the velocities of the potentials dissipate within a pore (k, k): their differences squared.
 
     A face at an edge of the voxel has half of the friction with its neighbour across that edge, or with the
     wall there, half a voxel off. Across interfaces nothing: the velocity is taken to go on as it is.
     """
-    n, _, k = velocity.shape
-    total = np.zeros((k, k))
-    rows = np.empty((ROWS, k))
-    half = np.sqrt(0.5)
-    top = 0
+    n = len(near)
+    batches, _, width = potentials.shape
+    total = np.zeros((batches * width, batches * width))
+    for batch in range(batches):
+        force = _forces(labels, voxels, near, bond, port, lanes, modes, potentials[batch], batch)
+        # what the forces do along a unit velocity is gathered at the potentials that drive it
+        pull = np.zeros((n + 1, width), np.float32)
+        for i in range(n):
+            for s in range(6):
+                j = near[i, s]
+                sense = 2 * (s % 2) - 1
+                if j >= 0:
+                    w = sense * bond[i, s]
+                    for m in range(width):
+                        pull[i, m] += w * force[i, s, m]
+                        pull[j, m] -= w * force[i, s, m]
+                elif j < WALL:
+                    f = -2 - j
+                    w = sense * port[f]
+                    for m in range(width):
+                        pull[i, m] += w * force[i, s, m]
+                    for own in range(4):
+                        if lanes[f, own] >= 0:
+                            row = total[lanes[f, own]]
+                            for m in range(width):
+                                row[batch * width + m] -= w * modes[f, own] * force[i, s, m]
+        _products(potentials, pull, batch, 1.0, total)
+    return _symmetric(total, lanes)
+
+
+@njit(cache=True)
+def _forces(labels, voxels, near, bond, port, lanes, modes, x, batch):
+    """Friction (n, 6, width) of a voxel's part of its faces under the velocities of potentials (n, width)."""
+    n, width = len(near), x.shape[1]
+    velocity = np.zeros((n, 6, width), np.float32)
     for i in range(n):
-        if top + 27 > ROWS:
-            total += rows[:top].T @ rows[:top]
-            top = 0
+        for s in range(6):
+            j = near[i, s]
+            sense = np.float32(2 * (s % 2) - 1)
+            if j >= 0:
+                w = sense * bond[i, s]
+                for m in range(width):
+                    velocity[i, s, m] = w * (x[i, m] - x[j, m])
+            elif j < WALL:
+                f = -2 - j
+                w = sense * port[f]
+                for m in range(width):
+                    velocity[i, s, m] = w * x[i, m]
+                for m in range(4):
+                    if lanes[f, m] >= 0 and lanes[f, m] // width == batch:
+                        velocity[i, s, lanes[f, m] % width] -= w * modes[f, m]
+    force = np.zeros_like(velocity)
+    half = np.float32(0.5)
+    for i in range(n):
         for c in range(3):
-            for m in range(k):
-                rows[top, m] = velocity[i, 2 * c + 1, m] - velocity[i, 2 * c, m]
-            top += 1
+            for m in range(width):
+                rate = velocity[i, 2 * c + 1, m] - velocity[i, 2 * c, m]
+                force[i, 2 * c + 1, m] += rate
+                force[i, 2 * c, m] -= rate
         for s in range(6):
             j = near[i, s]
             for f in range(6):
@@ -463,29 +611,28 @@ def _dissipated(voxels, near, velocity, mobility):
                     continue
                 if j >= 0 and near[j, f] != WALL:
                     if s % 2:
-                        for m in range(k):
-                            rows[top, m] = half * (velocity[i, f, m] - velocity[j, f, m])
-                        top += 1
-                elif j >= WALL or _closed_beyond(voxels[i], s, f, mobility):
-                    for m in range(k):
-                        rows[top, m] = velocity[i, f, m]
-                    top += 1
-    total += rows[:top].T @ rows[:top]
-    return total
+                        for m in range(width):
+                            rate = half * (velocity[i, f, m] - velocity[j, f, m])
+                            force[i, f, m] += rate
+                            force[j, f, m] -= rate
+                elif j >= WALL or _closed_beyond(labels, voxels[i], s, f):
+                    for m in range(width):
+                        force[i, f, m] += velocity[i, f, m]
+    return force
 
 
 @njit(cache=True)
-def _closed_beyond(v, s, f, mobility):
+def _closed_beyond(labels, v, s, f):
     """Whether face f of the voxel beyond face s is closed, be it beyond the volume."""
-    _, nz, ny, nx = mobility.shape
-    nz, ny, nx = nz - 1, ny - 1, nx - 1
+    nz, ny, nx = labels.shape
     z = v // (ny * nx)
     y = v // nx - z * ny
     x = v - (z * ny + y) * nx
-    step = 2 * (s % 2) - 1
-    a, c = s // 2, f // 2
-    z, y, x = z + step * (a == 0), y + step * (a == 1), x + step * (a == 2)
-    if z < 0 or y < 0 or x < 0 or z == nz or y == ny or x == nx:
-        return True
-    t = f % 2
-    return mobility[c, z + t * (c == 0), y + t * (c == 1), x + t * (c == 2)] == 0
+    for way in (s, f):
+        step = 2 * (way % 2) - 1
+        z, y, x = z + step * (way // 2 == 0), y + step * (way // 2 == 1), x + step * (way // 2 == 2)
+        if z < 0 or y < 0 or x < 0 or z == nz or y == ny or x == nx:
+            return way == s
+        if labels[z, y, x] == 0:
+            return True
+    return False
