@@ -43,8 +43,8 @@ MOST_STEPS = 1000
 AT_ONCE = 16
 """Sources solved for together, lanes of the processor's vectors."""
 
-ROWS = 4096
-"""Rows gathered before their products are summed."""
+ROWS = 512
+"""Voxels whose products are summed in single precision."""
 
 
 class Rates(NamedTuple):
@@ -289,7 +289,12 @@ def _between(answers: list[Answers], kind: str, inlet: int) -> tuple[float, floa
     pressure = np.zeros(inlet + 2)
     pressure[inlet] = 1.0
     if len(free):
-        inverse = splu(matrix[free][:, free].tocsc())
+        inverse = splu(
+            matrix[free][:, free].tocsc(),
+            "MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
         for _ in range(2):  # the second refines the first
             pressure[free] -= inverse.solve((matrix @ pressure)[free])
     rate = matrix @ pressure
@@ -317,15 +322,16 @@ def _conductances(
     lanes = np.where(ports.unknowns < 0, -1, lane[np.searchsorted(unknowns, ports.unknowns)]).astype(np.int32)
     back = np.delete(np.eye(len(unknowns)), ground, axis=0)
     back[np.unique(lanes[lanes[:, 0] >= 0, 0]), ground] = -1
+    place = np.stack(np.unravel_index(voxels, labels.shape), axis=1).astype(np.int32)
     near = _stencil(labels.shape, voxels, ports.voxel, ports.way)
     at_ports = lanes, ports.modes
     conducting = near, *_bonds(near, np.ones_like(lower)), np.full(len(mobile), 2, np.float32)
-    voltage = _potentials(*conducting, *at_ports, len(back), CLOSE_LOCALLY)
+    voltage = _potentials(place, *conducting, *at_ports, len(back))
     electrical = _powers(*conducting, *at_ports, voltage)
     flowing = near, *_bonds(near, lower), 2 * mobile
-    pressure = _potentials(*flowing, *at_ports, len(back), CLOSE_LOCALLY)
+    pressure = _potentials(place, *flowing, *at_ports, len(back))
     hydraulic = _powers(*flowing, *at_ports, pressure)
-    dissipated = _dissipated(labels, voxels, *flowing, *at_ports, pressure)
+    dissipated = _dissipated(labels, voxels, near, *flowing[2:], *at_ports, pressure)
     hydraulic = hydraulic @ np.linalg.solve(dissipated, hydraulic)
     return back.T @ hydraulic @ back, back.T @ electrical @ back
 
@@ -365,62 +371,153 @@ def _stencil(shape, voxels, port_voxel, port_way):
     return near
 
 
+def _potentials(place, near, link, bond, port, lanes, modes, k):
+    """Potentials (batches, n + 1, width) of which the first k lanes are at unit value of each unknown.
+
+    From coarse to fine: blocks of 2 x 2 x 2 take one value, and what is found for them is a first guess.
+    """
+    own, source = _sources(near, port, lanes, modes, k)
+    levels = [(link, bond, own)]
+    groups = []
+    while len(own) > COARSEST:
+        group, place, *level = _coarsen(place, *levels[-1])
+        groups.append(group)
+        levels.append(level)
+        own = level[-1]
+        if len(own) == len(group):
+            break
+    factors = [_factors(*level) for level in levels]
+    for batch in range(len(source)):
+        sources = [source[batch]]
+        for group, level in zip(groups, levels[1:], strict=True):
+            sources.append(_gathered(sources[-1], group, len(level[0])))
+        x = np.zeros_like(sources[-1])
+        for step in range(len(levels) - 1, -1, -1):
+            rest = sources[step].copy()
+            x = _gradients(*levels[step][:2], *factors[step], rest, x, CLOSE_LOCALLY * (COARSE if step else 1))
+            if step:
+                x = x[np.append(groups[step - 1], len(x) - 1)]
+        source[batch] = x
+    return source
+
+
+COARSEST = 100
+COARSE = 0.1
+
+
 @njit(cache=True)
-def _potentials(near, link, bond, port, lanes, modes, k, close):
-    """Potentials (batches, n + 1, width) of which the first k lanes are at unit value of each unknown."""
+def _gathered(source, group, count):
+    found = np.zeros((count + 1, source.shape[1]), np.float32)
+    for i in range(len(group)):
+        for m in range(source.shape[1]):
+            found[group[i], m] += source[i, m]
+    return found
+
+
+@njit(cache=True)
+def _coarsen(place, link, bond, own):
+    """Blocks of 2 x 2 x 2: that of each voxel, and their places, links, bonds and conductances to ports."""
+    n = len(place)
+    low, high = place[0] // 2, place[0] // 2
+    for i in range(n):
+        for c in range(3):
+            low[c] = min(low[c], place[i, c] // 2)
+            high[c] = max(high[c], place[i, c] // 2)
+    number = np.full((high[0] - low[0] + 1, high[1] - low[1] + 1, high[2] - low[2] + 1), -1, np.int32)
+    for i in range(n):
+        number[place[i, 0] // 2 - low[0], place[i, 1] // 2 - low[1], place[i, 2] // 2 - low[2]] = 0
+    count = 0
+    flat = number.reshape(-1)
+    for i in range(len(flat)):
+        if flat[i] == 0:
+            flat[i] = count
+            count += 1
+    group = np.empty(n, np.int32)
+    where = np.empty((count, 3), np.int32)
+    links, bonds = np.full((count, 6), count, np.int32), np.zeros((count, 6), np.float32)
+    owns = np.zeros(count, np.float32)
+    for i in range(n):
+        group[i] = number[place[i, 0] // 2 - low[0], place[i, 1] // 2 - low[1], place[i, 2] // 2 - low[2]]
+        where[group[i]] = place[i] // 2
+        owns[group[i]] += own[i]
+    for i in range(n):
+        for s in range(6):
+            j = link[i, s]
+            if j < n and group[j] != group[i]:
+                links[group[i], s] = group[j]
+                bonds[group[i], s] += bond[i, s]
+    return group, where, links, bonds, owns
+
+
+@njit(cache=True)
+def _sources(near, port, lanes, modes, k):
     n = len(near)
-    diagonal, pivot = np.empty(n, np.float32), np.ones(n + 1, np.float32)
     batches = (k + AT_ONCE - 1) // AT_ONCE
     width = (k + batches - 1) // batches
     width = min(AT_ONCE, (width + 3) // 4 * 4)
     source = np.zeros((batches, n + 1, width), np.float32)
+    own = np.zeros(n, np.float32)
     for i in range(n):
-        diagonal[i] = bond[i].sum()
         for s in range(6):
             if near[i, s] < WALL:
                 f = -2 - near[i, s]
-                diagonal[i] += port[f]
+                own[i] += port[f]
                 for m in range(4):
                     if lanes[f, m] >= 0:
                         source[lanes[f, m] // width, i, lanes[f, m] % width] += port[f] * modes[f, m]
-        # incomplete factors (D + L) D^-1 (D + L^T) that keep the diagonal
-        pivot[i] = diagonal[i]
-        for s in range(0, 6, 2):
-            pivot[i] -= bond[i, s] ** 2 / pivot[link[i, s]]
-    for batch in range(batches):
-        source[batch] = _gradients(link, bond, diagonal, pivot, source[batch], close)
-    return source
+    return own, source
 
 
 @njit(cache=True)
-def _gradients(link, bond, diagonal, pivot, source, close):
-    """Preconditioned conjugate gradients for sources (n + 1, lanes), in Eisenstat's form (1981): to
-    solve with the two factors is all that an iteration does. ``source`` is overwritten."""
+def _factors(link, bond, own):
+    n = len(link)
+    diagonal, pivot = np.empty(n, np.float32), np.ones(n + 1, np.float32)
+    for i in range(n):
+        # incomplete factors (D + L) D^-1 (D + L^T) that keep the diagonal
+        diagonal[i] = own[i] + bond[i].sum()
+        pivot[i] = diagonal[i]
+        for s in range(0, 6, 2):
+            pivot[i] -= bond[i, s] ** 2 / pivot[link[i, s]]
+    return diagonal, pivot
+
+
+@njit(cache=True)
+def _gradients(link, bond, diagonal, pivot, source, x, close):
+    """Preconditioned conjugate gradients for sources (n + 1, lanes) from a first guess ``x``, in Eisenstat's
+    form (1981): to solve with the two factors is all that an iteration does. Both are overwritten."""
     n, lanes = len(link), source.shape[1]
-    x, direction = np.zeros_like(source), np.zeros_like(source)
+    direction = np.zeros_like(source)
     ahead, behind = np.zeros_like(source), np.zeros_like(source)
     rho, power = np.zeros(lanes, np.float32), np.empty(lanes, np.float32)
-    slope, step = np.empty(lanes, np.float32), np.empty(lanes, np.float32)
+    slope, step = np.zeros(lanes, np.float32), np.empty(lanes, np.float32)
+    _forward(link, bond, pivot, source, behind)
+    target = np.zeros(lanes, np.float32)
+    for i in range(n):
+        for m in range(lanes):
+            target[m] += pivot[i] * behind[i, m] * behind[i, m]
+    target *= np.float32(close**2)
     residual = source
     for i in range(n):
-        a, b, c = link[i, 0], link[i, 2], link[i, 4]
-        u, v, w = bond[i, 0], bond[i, 2], bond[i, 4]
-        d = 1 / pivot[i]
         for m in range(lanes):
-            residual[i, m] = d * (
-                residual[i, m] + u * residual[a, m] + v * residual[b, m] + w * residual[c, m]
-            )
+            residual[i, m] -= diagonal[i] * x[i, m]
+        for s in range(6):
+            j, w = link[i, s], bond[i, s]
+            for m in range(lanes):
+                residual[i, m] += w * x[j, m]
+    _forward(link, bond, pivot, residual, residual)
+    for i in range(n):
         for m in range(lanes):
-            direction[i, m] = pivot[i] * residual[i, m]
-            rho[m] += direction[i, m] * residual[i, m]
-    target = np.float32(close**2) * rho
+            rho[m] += pivot[i] * residual[i, m] * residual[i, m]
     for _ in range(MOST_STEPS):
         if (rho <= target).all():
             break
         for i in range(n - 1, -1, -1):
             a, b, c = link[i, 1], link[i, 3], link[i, 5]
             u, v, w = bond[i, 1], bond[i, 3], bond[i, 5]
-            d = 1 / pivot[i]
+            p = pivot[i]
+            d = 1 / p
+            for m in range(lanes):
+                direction[i, m] = p * residual[i, m] + slope[m] * direction[i, m]
             for m in range(lanes):
                 ahead[i, m] = d * (direction[i, m] + u * ahead[a, m] + v * ahead[b, m] + w * ahead[c, m])
         power[:] = 0
@@ -444,18 +541,25 @@ def _gradients(link, bond, diagonal, pivot, source, close):
             slope[m] = 1 / rho[m] if rho[m] > 0 else 0.0
         rho[:] = 0
         for i in range(n):
-            d = pivot[i]
+            p = pivot[i]
             for m in range(lanes):
                 x[i, m] += step[m] * ahead[i, m]
                 residual[i, m] -= step[m] * (ahead[i, m] + behind[i, m])
             for m in range(lanes):
-                rho[m] += d * residual[i, m] * residual[i, m]
+                rho[m] += p * residual[i, m] * residual[i, m]
         slope *= rho
-        for i in range(n):
-            d = pivot[i]
-            for m in range(lanes):
-                direction[i, m] = d * residual[i, m] + slope[m] * direction[i, m]
     return x
+
+
+@njit(cache=True)
+def _forward(link, bond, pivot, source, found):
+    """Solution with the lower factor."""
+    for i in range(len(link)):
+        a, b, c = link[i, 0], link[i, 2], link[i, 4]
+        u, v, w = bond[i, 0], bond[i, 2], bond[i, 4]
+        d = 1 / pivot[i]
+        for m in range(source.shape[1]):
+            found[i, m] = d * (source[i, m] + u * found[a, m] + v * found[b, m] + w * found[c, m])
 
 
 @njit(cache=True)
@@ -477,7 +581,7 @@ def _powers(near, link, bond, port, lanes, modes, potentials):
                         continue
                     pull = np.float64(port[f] * modes[f, m])
                     row = total[lanes[f, m]]
-                    for batch in range(batches):
+                    for batch in range(lanes[f, m] // width, batches):
                         for b in range(width):
                             row[batch * width + b] -= pull * potentials[batch, i, b]
                     for other in range(4):
@@ -488,11 +592,12 @@ def _powers(near, link, bond, port, lanes, modes, potentials):
 
 @njit(cache=True)
 def _symmetric(total, lanes):
+    """The upper half of a matrix, twice, without the lanes that fill up the batches."""
     k = lanes.max() + 1
     found = np.empty((k, k))
     for a in range(k):
-        for b in range(k):
-            found[a, b] = (total[a, b] + total[b, a]) / 2
+        for b in range(a, k):
+            found[a, b] = found[b, a] = total[a, b]
     return found
 
 
@@ -519,106 +624,175 @@ def _residual(near, link, bond, port, lanes, modes, x, batch):
     return rest
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath={"reassoc", "contract"})
 def _products(potentials, other, batch, sign, total):
-    """Add to the columns of a batch the inner products of all lanes with its (n, width)."""
-    batches, n, width = potentials.shape
-    part = np.empty((width, width), np.float32)
-    for left in range(batches):
-        x = potentials[left]
-        for first in range(0, n, ROWS):
-            part[:] = 0
-            for i in range(first, min(first + ROWS, n)):
+    """Add to the columns of a batch the inner products of its lanes and earlier ones with its (n, width).
+
+    Four lanes by four, lane after lane, so that the sums stay in registers.
+    """
+    _, n, width = potentials.shape
+    mine, theirs = np.empty((width, ROWS), np.float32), np.empty((width, ROWS), np.float32)
+    for first in range(0, n, ROWS):
+        rows = min(ROWS, n - first)
+        for i in range(rows):
+            for b in range(width):
+                theirs[b, i] = other[first + i, b]
+        for left in range(batch + 1):
+            for i in range(rows):
                 for a in range(width):
-                    own = x[i, a]
-                    for b in range(width):
-                        part[a, b] += own * other[i, b]
-            for a in range(width):
-                for b in range(width):
-                    total[left * width + a, batch * width + b] += sign * part[a, b]
+                    mine[a, i] = potentials[left, first + i, a]
+            for a in range(0, width, 4):
+                for b in range(0, width, 4):
+                    a0, a1, a2, a3 = mine[a], mine[a + 1], mine[a + 2], mine[a + 3]
+                    b0, b1, b2, b3 = theirs[b], theirs[b + 1], theirs[b + 2], theirs[b + 3]
+                    p = q = r = s = t = u = v = w = np.float32(0)
+                    e = f = g = h = j = k = l = m = np.float32(0)
+                    for i in range(rows):
+                        p += a0[i] * b0[i]
+                        q += a0[i] * b1[i]
+                        r += a0[i] * b2[i]
+                        s += a0[i] * b3[i]
+                        t += a1[i] * b0[i]
+                        u += a1[i] * b1[i]
+                        v += a1[i] * b2[i]
+                        w += a1[i] * b3[i]
+                        e += a2[i] * b0[i]
+                        f += a2[i] * b1[i]
+                        g += a2[i] * b2[i]
+                        h += a2[i] * b3[i]
+                        j += a3[i] * b0[i]
+                        k += a3[i] * b1[i]
+                        l += a3[i] * b2[i]
+                        m += a3[i] * b3[i]
+                    y, x = left * width + a, batch * width + b
+                    for o, value in enumerate((p, q, r, s, t, u, v, w, e, f, g, h, j, k, l, m)):
+                        total[y + o // 4, x + o % 4] += sign * value
 
 
-@njit(cache=True)
-def _dissipated(labels, voxels, near, link, bond, port, lanes, modes, potentials):
+def _dissipated(
+    labels: np.ndarray,
+    voxels: np.ndarray,
+    near: np.ndarray,
+    bond: np.ndarray,
+    port: np.ndarray,
+    lanes: np.ndarray,
+    modes: np.ndarray,
+    potentials: np.ndarray,
+) -> np.ndarray:
     """What the velocities of the potentials dissipate within a pore (k, k): their differences squared.
 
     A face at an edge of the voxel has half of the friction with its neighbour across that edge, or with the
     wall there, half a voxel off. Across interfaces nothing: the velocity is taken to go on as it is.
     """
-    n = len(near)
-    batches, _, width = potentials.shape
-    total = np.zeros((batches * width, batches * width))
-    for batch in range(batches):
-        force = _forces(labels, voxels, near, bond, port, lanes, modes, potentials[batch], batch)
-        # what the forces do along a unit velocity is gathered at the potentials that drive it
-        pull = np.zeros((n + 1, width), np.float32)
-        for i in range(n):
-            for s in range(6):
-                j = near[i, s]
-                sense = 2 * (s % 2) - 1
-                if j >= 0:
-                    w = sense * bond[i, s]
-                    for m in range(width):
-                        pull[i, m] += w * force[i, s, m]
-                        pull[j, m] -= w * force[i, s, m]
-                elif j < WALL:
-                    f = -2 - j
-                    w = sense * port[f]
-                    for m in range(width):
-                        pull[i, m] += w * force[i, s, m]
-                    for own in range(4):
-                        if lanes[f, own] >= 0:
-                            row = total[lanes[f, own]]
-                            for m in range(width):
-                                row[batch * width + m] -= w * modes[f, own] * force[i, s, m]
+    face, across = _faces(near, bond, port)
+    friction = _friction(labels, voxels, near, face, len(across))
+    total = np.zeros((potentials.shape[0] * potentials.shape[2],) * 2)
+    for batch in range(len(potentials)):
+        pull = _pull(near, face, across, *friction, lanes, modes, potentials[batch], batch, total)
         _products(potentials, pull, batch, 1.0, total)
     return _symmetric(total, lanes)
 
 
 @njit(cache=True)
-def _forces(labels, voxels, near, bond, port, lanes, modes, x, batch):
-    """Friction (n, 6, width) of a voxel's part of its faces under the velocities of potentials (n, width)."""
-    n, width = len(near), x.shape[1]
-    velocity = np.zeros((n, 6, width), np.float32)
+def _faces(near, bond, port):
+    """Number (n, 6) of the open face on each side of each voxel, interfaces first, and conductance of each
+    face; for none their number."""
+    n = len(near)
+    count = len(port)
+    for i in range(n):
+        for s in range(1, 6, 2):
+            count += near[i, s] >= 0
+    face, across = np.full((n, 6), count, np.int32), np.empty(count, np.float32)
+    across[: len(port)] = port
+    count = len(port)
     for i in range(n):
         for s in range(6):
-            j = near[i, s]
-            sense = np.float32(2 * (s % 2) - 1)
-            if j >= 0:
-                w = sense * bond[i, s]
+            if near[i, s] < WALL:
+                face[i, s] = -2 - near[i, s]
+            elif near[i, s] >= 0 and s % 2:
+                face[i, s] = face[near[i, s], s - 1] = count
+                across[count] = bond[i, s]
+                count += 1
+    return face, across
+
+
+@njit(cache=True)
+def _friction(labels, voxels, near, face, count):
+    """Friction of each face with itself, and with those beside it: their numbers (count, 6) and shares."""
+    own, share = np.zeros(count, np.float32), np.zeros((count, 6), np.float32)
+    beside = np.full((count, 6), count, np.int32)
+    for i in range(len(near)):
+        for f in range(6):
+            me = face[i, f]
+            if me == count:
+                continue
+            other = f + 1 - 2 * (f % 2)
+            own[me] += 1
+            beside[me, other], share[me, other] = face[i, other], 1
+            for s in range(6):
+                if s // 2 == f // 2:
+                    continue
+                j = near[i, s]
+                if j >= 0 and near[j, f] != WALL:
+                    own[me] += 0.5
+                    beside[me, s] = face[j, f]
+                    share[me, s] += 0.5
+                elif j >= WALL or _closed_beyond(labels, voxels[i], s, f):
+                    own[me] += 1
+    return own, beside, share
+
+
+@njit(cache=True)
+def _pull(near, face, across, own, beside, share, lanes, modes, x, batch, total):
+    """Power of friction at unit potentials, those of a batch driving the flow: (n + 1, width), and at the
+    interfaces added to the batch's columns of the total."""
+    n, count, width = len(near), len(across), x.shape[1]
+    velocity, force = np.zeros((count + 1, width), np.float32), np.zeros((count + 1, width), np.float32)
+    sense = np.zeros(len(lanes), np.float32)
+    for i in range(n):
+        for s in range(6):
+            f, j = face[i, s], near[i, s]
+            if j >= 0 and s % 2:
+                w = across[f]
                 for m in range(width):
-                    velocity[i, s, m] = w * (x[i, m] - x[j, m])
+                    velocity[f, m] = w * (x[i, m] - x[j, m])
             elif j < WALL:
-                f = -2 - j
-                w = sense * port[f]
+                sense[f] = (2 * (s % 2) - 1) * across[f]
                 for m in range(width):
-                    velocity[i, s, m] = w * x[i, m]
+                    velocity[f, m] = sense[f] * x[i, m]
                 for m in range(4):
                     if lanes[f, m] >= 0 and lanes[f, m] // width == batch:
-                        velocity[i, s, lanes[f, m] % width] -= w * modes[f, m]
-    force = np.zeros_like(velocity)
-    half = np.float32(0.5)
+                        velocity[f, lanes[f, m] % width] -= sense[f] * modes[f, m]
+    for f in range(count):
+        a, b, c, d, e, g = beside[f]
+        p, q, r, t, u, v = share[f]
+        w = own[f]
+        for m in range(width):
+            force[f, m] = (
+                w * velocity[f, m]
+                - p * velocity[a, m]
+                - q * velocity[b, m]
+                - r * velocity[c, m]
+                - t * velocity[d, m]
+                - u * velocity[e, m]
+                - v * velocity[g, m]
+            )
+        w = across[f]
+        for m in range(width):
+            force[f, m] *= w
+    pull = np.zeros((n + 1, width), np.float32)
     for i in range(n):
-        for c in range(3):
-            for m in range(width):
-                rate = velocity[i, 2 * c + 1, m] - velocity[i, 2 * c, m]
-                force[i, 2 * c + 1, m] += rate
-                force[i, 2 * c, m] -= rate
-        for s in range(6):
-            j = near[i, s]
-            for f in range(6):
-                if f // 2 == s // 2 or near[i, f] == WALL:
-                    continue
-                if j >= 0 and near[j, f] != WALL:
-                    if s % 2:
-                        for m in range(width):
-                            rate = half * (velocity[i, f, m] - velocity[j, f, m])
-                            force[i, f, m] += rate
-                            force[j, f, m] -= rate
-                elif j >= WALL or _closed_beyond(labels, voxels[i], s, f):
-                    for m in range(width):
-                        force[i, f, m] += velocity[i, f, m]
-    return force
+        a, b, c, d, e, g = face[i]
+        for m in range(width):
+            pull[i, m] = force[b, m] - force[a, m] + force[d, m] - force[c, m] + force[g, m] - force[e, m]
+    for f in range(len(lanes)):
+        for m in range(4):
+            if lanes[f, m] >= 0 and lanes[f, m] // width <= batch:
+                row = total[lanes[f, m]]
+                unit = np.sign(sense[f]) * modes[f, m]
+                for b in range(width):
+                    row[batch * width + b] -= unit * force[f, b]
+    return pull
 
 
 @njit(cache=True)
