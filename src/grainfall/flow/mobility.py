@@ -7,6 +7,7 @@ Lengths are voxels, viscosity is 1.
 
 from __future__ import annotations
 
+from itertools import product
 from typing import NamedTuple
 
 import edt
@@ -14,16 +15,16 @@ import numpy as np
 from numba import njit
 
 CLOSE = 1e-2
-"""Residual of the mobility: whatever it is, flow through it obeys the bound, which is at its flattest here."""
+"""Residual: flow through any mobility keeps to the bound, which is at its flattest here."""
 
 MOST_STEPS = 500
 """Of conjugate gradients; ten to thirty do."""
 
 MARGIN = 2
-"""Of a slab, in radii of the widest pore: what is cut off there is felt to a few thousandths."""
+"""Of a block, in radii of the widest pore: what is cut off there is felt to a few thousandths."""
 
-SLAB_VOXELS = 1 << 24
-"""Voxels about which a slab has besides its margins: bounds the memory."""
+BLOCK = 256
+"""Edge in voxels of what is solved at once, margins aside: bounds the memory."""
 
 
 class Mobility(NamedTuple):
@@ -44,50 +45,68 @@ class Mobility(NamedTuple):
     upper: tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
-def mobility(pore: np.ndarray, close: float = CLOSE, slab_voxels: int = SLAB_VOXELS) -> Mobility:
-    """Mobilities of a pore space, solved for slab by slab along axis 0 with margins about each.
+def mobility(pore: np.ndarray, close: float = CLOSE, block: int = BLOCK) -> Mobility:
+    """Mobilities of a pore space, solved for block by block with margins about each.
 
     Parameters
     ----------
     pore : (nz, ny, nx) array of bool
     close : float
         Residual.
-    slab_voxels : int
-        Size of a slab without its margins.
+    block : int
+        Edge of a block in voxels; no less than two margins.
 
     Returns
     -------
     Mobility
     """
-    nz, ny, nx = pore.shape
     voxels = np.flatnonzero(pore)
     if pore.size < 2**31:
         voxels = voxels.astype(np.int32)
     lower = np.empty((len(voxels), 3), np.float32)
     upper = tuple(np.zeros(np.delete(pore.shape, axis), np.float32) for axis in range(3))
-    thick = max(1, slab_voxels // (ny * nx))
     margin = 0
-    if thick < nz:
+    if max(pore.shape) > block:
         margin = int(np.ceil(MARGIN * np.sqrt(edt.edtsq(pore, black_border=False).max())))
-        thick = max(thick, 2 * margin)
-    for first in range(0, nz, thick):
-        last = min(first + thick, nz)
-        start, stop = max(0, first - margin), min(nz, last + margin)
-        found = _solve(pore[start:stop], start > 0, stop < nz, close)[first - start : last - start + 1]
-        here = slice(*np.searchsorted(voxels, [first * ny * nx, last * ny * nx]))
-        place = np.unravel_index(voxels[here] - first * ny * nx, (last - first, ny, nx))
-        lower[here] = found[place]
-        if last == nz:
-            upper[0][:] = found[-1, :ny, :nx, 0]
-        upper[1][first:last] = found[:-1, ny, :nx, 1]
-        upper[2][first:last] = found[:-1, :ny, nx, 2]
+        block = max(block, 2 * margin)
+    size = np.array(pore.shape)
+    for corner in product(*(range(0, n, block) for n in size)):
+        first, last = np.array(corner), np.minimum(np.add(corner, block), size)
+        start, stop = np.maximum(first - margin, 0), np.minimum(last + margin, size)
+        part = pore[tuple(slice(*ends) for ends in zip(start, stop, strict=True))]
+        solution = _solve(part, np.stack([start > 0, stop < size], axis=1), close)
+        _store(pore, *solution, start, first, last, voxels, lower, *upper)
     return Mobility(voxels, lower, upper)
 
 
 @njit(cache=True)
-def _solve(pore, cut_before, cut_behind, close):
-    """Mobilities (nz + 1, ny + 1, nx + 1, 3) of the faces below each place, by conjugate gradients with
-    incomplete factors in Eisenstat's form (1981). Where a slab is cut, nothing changes across the cut."""
+def _store(pore, number, found, start, first, last, voxels, lower, upper0, upper1, upper2):
+    """Take the part of a block's solution from ``first`` to ``last`` over."""
+    nz, ny, nx = pore.shape
+    for z in range(first[0], last[0]):
+        for y in range(first[1], last[1]):
+            i = np.searchsorted(voxels, (z * ny + y) * nx + first[2])
+            for x in range(first[2], last[2]):
+                if not pore[z, y, x]:
+                    continue
+                a, b, c = z - start[0], y - start[1], x - start[2]
+                lower[i] = found[number[a, b, c]]
+                i += 1
+                if z == nz - 1:
+                    upper0[y, x] = found[number[a + 1, b, c], 0]
+                if y == ny - 1:
+                    upper1[z, x] = found[number[a, b + 1, c], 1]
+                if x == nx - 1:
+                    upper2[z, y] = found[number[a, b, c + 1], 2]
+
+
+@njit(cache=True)
+def _solve(pore, cut, close):
+    """Mobilities (count, 3) of the faces below each place, and the places' numbers (nz + 1, ny + 1, nx + 1).
+
+    Conjugate gradients with incomplete factors in Eisenstat's form (1981). Where ``cut`` (3, 2) says that the
+    volume goes on beyond a side, nothing changes across that side.
+    """
     nz, ny, nx = pore.shape
     number = np.full((nz + 1, ny + 1, nx + 1), -1, np.int32)
     count = 0
@@ -109,21 +128,17 @@ def _solve(pore, cut_before, cut_behind, close):
                 if i < 0:
                     continue
                 for s in range(6):
+                    d = s // 2
                     at[:] = z, y, x
-                    at[s // 2] += 2 * (s % 2) - 1
-                    if 0 <= at[s // 2] <= size[s // 2] and number[at[0], at[1], at[2]] >= 0:
+                    at[d] += 2 * (s % 2) - 1
+                    if 0 <= at[d] <= size[d] and number[at[0], at[1], at[2]] >= 0:
                         link[i, s] = number[at[0], at[1], at[2]]
-                for c in range(3):
-                    if not _opened(pore, c, z, y, x):
-                        continue
-                    source[i, c] = 1
-                    for s in range(6):
-                        d = s // 2
-                        at[:] = z, y, x
-                        at[d] += 2 * (s % 2) - 1
-                        cut = d == 0 and (cut_behind if s % 2 else cut_before)
+                    for c in range(3):
+                        if not _opened(pore, c, z, y, x):
+                            continue
+                        source[i, c] = 1
                         if at[d] < 0 or at[d] >= size[d] + (d == c):
-                            diagonal[i, c] += 0 if d == c or cut else 2
+                            diagonal[i, c] += 0 if d == c or cut[d, s % 2] else 2
                         elif d == c or _opened(pore, c, at[0], at[1], at[2]):
                             diagonal[i, c] += 1
                         else:
@@ -137,13 +152,7 @@ def _solve(pore, cut_before, cut_behind, close):
                     pivot[i, c] -= inverse[link[i, s], c]
                 inverse[i, c] = 1 / pivot[i, c]
     found = _gradients(link, diagonal, pivot, inverse, source, close)
-    dense = np.zeros((nz + 1, ny + 1, nx + 1, 3), np.float32)
-    for z in range(nz + 1):
-        for y in range(ny + 1):
-            for x in range(nx + 1):
-                if number[z, y, x] >= 0:
-                    dense[z, y, x] = found[number[z, y, x]]
-    return dense
+    return number, found
 
 
 @njit(cache=True)
