@@ -44,7 +44,10 @@ with stage(snakemake) as progress:
         else:
             # one stream of numbers for both: the comparison is paired
             drawn = stereology.draw_radii(sizes, 20_000, random.generator(**where, chapter="sizes"), which)
-            pack = spheres("packing", (edge,) * 3, glass(np.sort(drawn)))
+            box = max(
+                edge, int(np.ceil(4.2 * drawn.max()))
+            )  # an unfolded tail may be longer than the truth's
+            pack = spheres("packing", (box,) * 3, glass(np.sort(drawn)))
         cube, r = pack.cube(edge), pack.sizes().r_um
         along = flow.permeability(cube == 0, 1.0, "network").k_md
         rows.append(

@@ -198,7 +198,7 @@ def test_a_section_shows_rims_as_the_grains_mineral():
 
 
 def test_room_is_made_so_that_cemented_grains_have_the_sizes_of_the_section():
-    """A lattice of balls far beyond the region: shrunk and cemented, a ball and its rim fill what it filled."""
+    """A lattice of balls far beyond the region: shrunk and cemented, a ball with its rim is as it was."""
     at = 32 * (np.arange(-2, 4) + 0.5)
     x, y, z = (c.ravel() for c in np.meshgrid(at, at, at, indexing="ij"))
     first, _ = lattice()

@@ -88,7 +88,7 @@ def finish(
 
 
 def make_room(bodies: pd.DataFrame, scene: Mapping, porosity_before: float) -> tuple[pd.DataFrame, float]:
-    """Shrink a bed, grains and distances alike, so that with their rims grains have the sizes of the section's.
+    """Shrink a bed, grains and distances alike, so that grains with their rims are as large as the section's.
 
     A section shows a grain with all that grew on it, so its sizes are those of cemented grains. Rims multiply
     the mean volume of a grain by the solid fraction after over that before; the bed shrinks by that
