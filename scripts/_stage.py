@@ -1,7 +1,9 @@
-"""What every script does around its work: a log, progress on the terminal, one line for a user's mistake."""
+"""What every script does around its work: a log, a record of what went in and out, one line for a mistake."""
 
+import ctypes
 import os
 import shutil
+import signal
 import sys
 
 for pool in ("OMP", "NUMBA", "OPENBLAS", "MKL"):
@@ -15,7 +17,20 @@ from pathlib import Path
 # Scripts find the science of their own checkout, installed or not.
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "src"))
 
+from grainfall import provenance
 from grainfall.errors import InputError
+
+
+def die_with_parent():
+    """A job whose Snakemake was killed is killed too: it must not write into the results of the next run."""
+    parent = os.getppid()
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
+        if os.getppid() != parent:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+
+die_with_parent()
 
 
 class Progress:
@@ -46,12 +61,15 @@ def checkpoints(output):
 def stage(snakemake):
     """Run a script's work with its output in the rule's log.
 
-    A user's mistake ends in one line; anything else too, with the trace in the log.
+    A user's mistake ends in one line; anything else too, with the trace in the log. What the job reads is
+    held against the records of the jobs that wrote it; its own record is written when all went well.
     """
     where = "/".join(str(v) for v in dict(snakemake.wildcards).values())
     terminal = os.fdopen(os.dup(2), "w")
     log = Path(str(snakemake.log[0]))
     log.parent.mkdir(parents=True, exist_ok=True)
+    record = log.with_suffix(".json")
+    record.unlink(missing_ok=True)
     with log.open("w") as sink:
         # Engines print from C: redirect the descriptors, not only Python's streams.
         sys.stdout.flush()
@@ -60,14 +78,21 @@ def stage(snakemake):
         os.dup2(sink.fileno(), 2)
         progress = Progress(f"{snakemake.rule} {where}".strip(), terminal)
         try:
+            for path in snakemake.input:
+                provenance.check_file(path)
             yield progress
+            written = [path for path in snakemake.output if Path(path) != record]
+            provenance.write_record(
+                record, snakemake.rule, snakemake.input, written, dict(snakemake.params.items())
+            )
         except InputError as fault:
             print(fault, flush=True)
             print(f"grainfall: {fault}", file=terminal, flush=True)
             sys.exit(1)
         except Exception as fault:
             traceback.print_exc()
-            progress.say(f"{type(fault).__name__}: {fault} (trace in {log})")
+            what = " ".join(f"{type(fault).__name__}: {fault}".split())
+            progress.say(f"{what} (trace in {log})")
             sys.exit(1)
         finally:
             sys.stdout.flush()

@@ -1,0 +1,15 @@
+"""What the whole run rests on."""
+
+from pathlib import Path
+
+from _stage import stage
+
+from grainfall import io, provenance
+
+with stage(snakemake):
+    document = provenance.of_run(
+        "results",
+        Path(snakemake.scriptdir).parent,
+        **{name: snakemake.params[name] for name in ("files", "overrides", "config", "samples")},
+    )
+    io.write_json(snakemake.output.provenance, document)
