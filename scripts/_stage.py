@@ -69,7 +69,6 @@ def stage(snakemake):
     log = Path(str(snakemake.log[0]))
     log.parent.mkdir(parents=True, exist_ok=True)
     record = log.with_suffix(".json")
-    record.unlink(missing_ok=True)
     with log.open("w") as sink:
         # Engines print from C: redirect the descriptors, not only Python's streams.
         sys.stdout.flush()
