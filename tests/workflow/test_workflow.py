@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import zarr
+from outputs import outputs
 
 from conftest import ROOT, TINY, planned, snakemake, write_config
 from grainfall.report import SUMMARY_COLUMNS
@@ -161,31 +162,6 @@ def test_edit_of_a_late_chapter_reruns_what_it_touches(finished, tmp_path):
     rerun = planned(finished, "--rerun-triggers", "params", snakefile=house / "Snakefile")
     assert "contacts" in rerun
     assert not {"first_packing", "twin", "network", "flow", "s2_volume"} & set(rerun)
-
-
-def timeless(content):
-    """JSON without its seconds."""
-    if isinstance(content, dict):
-        seconds = {"wall_s", "cost_s", "saved_s"}
-        return {key: timeless(value) for key, value in content.items() if key not in seconds}
-    return [timeless(value) for value in content] if isinstance(content, list) else content
-
-
-def outputs(folder):
-    """Content of every file that must not depend on cores or chunks, timing columns aside."""
-    found = {}
-    for path in sorted((folder / "results").rglob("*")):
-        name = path.relative_to(folder).as_posix()
-        timed = {"benchmarks", "logs", "figures"} & set(path.parts)
-        if path.is_dir() or timed or path.name in ("report.html", "metrics.csv"):
-            continue
-        content = path.read_bytes()
-        if path.suffix == ".json":
-            content = timeless(json.loads(content))
-        if path.name in ("summary.csv", "summary_row.csv", "flow.csv", "reference_flow.csv"):
-            content = pd.read_csv(path).drop(columns=["wall_s", "peak_rss_mb"], errors="ignore").to_csv()
-        found[name] = content
-    return found
 
 
 def test_one_core_and_other_chunks_give_the_same_bytes(finished, tmp_path):
