@@ -60,7 +60,8 @@ def read_raster(
     prefer : sequence of str
         Names to try, in order, where ``array`` is not given.
     indexed : bool
-        Whether the indices of a palette image are its values (they are for labels, not for grey).
+        Whether the stored numbers are meant, also where the file has viewers show them otherwise: by a
+        palette, or 0 as white. So it is for labels; where dark and bright decide, such a file is refused.
     max_pixels : int
         Largest size accepted; compared with the declared size before anything is decoded.
 
@@ -273,6 +274,12 @@ def _read_tiff(path: Path, ndim: int, indexed: bool, max_pixels: int) -> np.ndar
             )
         if page.photometric == tifffile.PHOTOMETRIC.PALETTE and not indexed:
             raise _colour(path, "a palette")
+        # Booleans are let pass: Python's own writer marks them so, whatever they mean.
+        shown_inverted = page.photometric == tifffile.PHOTOMETRIC.MINISWHITE and page.bitspersample > 1
+        if shown_inverted and not indexed:
+            raise InputError(
+                path, "a TIFF that shows 0 as white", "convert it, or say which stored value is the pore"
+            )
         if series.dtype is None:
             raise InputError(path, f"a TIFF of {page.bitspersample} bits a sample", "8 or 16 bits are needed")
         _check_declared(path, series.shape, series.dtype, ndim, max_pixels)
@@ -383,6 +390,13 @@ def _read_zarr(
         raise InputError(path, f"{array!r} is a group", "name an array")
     _check_declared(path, node.shape, node.dtype, ndim, max_pixels)
     _check_declared(path, node.shards or node.chunks, node.dtype, len(node.chunks), max_pixels)
+    if isinstance(store, Path) and node.nchunks_initialized < node.nchunks:
+        absent = node.nchunks - node.nchunks_initialized
+        raise InputError(
+            path,
+            f"{absent} of {node.nchunks} chunks are absent and would read as 0",
+            "copy it whole, or write it with empty chunks (zarr: write_empty_chunks) or as TIFF or NPZ",
+        )
     return np.asarray(node[...])
 
 
