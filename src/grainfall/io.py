@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import math
 import os
+import shutil
+import tempfile
+import time
 import zipfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -40,6 +44,41 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     except BaseException:
         part.unlink(missing_ok=True)
         raise
+
+
+class Scratch:
+    """A temporary folder for as long as its process lives; what killed ones left is swept first."""
+
+    PREFIX = "grainfall-scratch-"
+
+    def __init__(self):
+        place = Path(tempfile.gettempdir())
+        for left in place.glob(f"{self.PREFIX}*"):
+            with suppress(OSError):
+                if time.time() - left.stat().st_mtime > 60 and (handle := _held(left)) is not None:
+                    shutil.rmtree(left, ignore_errors=True)
+                    os.close(handle)
+        self._folder = tempfile.TemporaryDirectory(prefix=self.PREFIX)
+        self.path = Path(self._folder.name)
+        # The system lets go of it when the process ends, however it ends.
+        self._handle = _held(self.path)
+
+    def close(self) -> None:
+        self._folder.cleanup()
+        if self._handle is not None:
+            os.close(self._handle)
+            self._handle = None
+
+
+def _held(folder: Path) -> int | None:
+    """A descriptor with a lock on the folder, or None where another process has it."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(handle)
+        return None
+    return handle
 
 
 def write_text(path: str | Path, text: str) -> None:

@@ -27,6 +27,8 @@ MAX_PIXELS = 200_000_000
 """Default limit on the pixels of a section."""
 MAX_VOXELS = 2_000_000_000
 """Default limit on the voxels of a reference volume."""
+SPARE_MEMORY = 2**30
+"""Bytes a decoder may take beside eight times the declared size."""
 
 _PNG = b"\x89PNG\r\n\x1a\n"
 _PNG_COLOUR = {2: "an RGB", 4: "a grey + alpha", 6: "an RGBA"}
@@ -167,6 +169,28 @@ def _decoding(path: Path) -> Iterator[None]:
         logger.propagate = propagate
 
 
+@contextmanager
+def _bounded(path: Path, shape: Sequence[int], dtype: np.dtype) -> Iterator[None]:
+    """Memory for the declared size and what a decoder needs beside it, not for what a bomb unpacks to."""
+    try:
+        import resource
+
+        held = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    except (ImportError, OSError):
+        yield
+        return
+    limit = held + SPARE_MEMORY + 8 * prod(int(n) for n in shape) * dtype.itemsize
+    within = limit if soft == resource.RLIM_INFINITY else min(limit, soft)
+    resource.setrlimit(resource.RLIMIT_AS, (within, hard))
+    try:
+        yield
+    except MemoryError:
+        raise InputError(path, f"unpacks to far more than the {_by(shape)} it declares", INTACT) from None
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
+
+
 def _by(shape: Sequence[int]) -> str:
     return " x ".join(str(n) for n in shape)
 
@@ -288,9 +312,12 @@ def _read_tiff(path: Path, ndim: int, indexed: bool, max_pixels: int) -> np.ndar
         if any(0 in one.databytecounts for one in series.pages if one is not None):
             raise InputError(path, "damaged or truncated file (pixels are missing)", INTACT)
         if page.compression in _TIFFFILE_CODECS and page.predictor in (1, 2):
-            return series.asarray(maxworkers=1)
+            with _bounded(path, series.shape, series.dtype):
+                return series.asarray(maxworkers=1)
         inverted = page.photometric == tifffile.PHOTOMETRIC.MINISWHITE
-    return _read_tiff_pillow(path, inverted)
+        shape, dtype = series.shape, series.dtype
+    with _bounded(path, shape, dtype):
+        return _read_tiff_pillow(path, inverted)
 
 
 @contextmanager
@@ -397,7 +424,8 @@ def _read_zarr(
             f"{absent} of {node.nchunks} chunks are absent and would read as 0",
             "copy it whole, or write it with empty chunks (zarr: write_empty_chunks) or as TIFF or NPZ",
         )
-    return np.asarray(node[...])
+    with _bounded(path, node.shape, node.dtype):
+        return np.asarray(node[...])
 
 
 def _children(store) -> list[str]:
