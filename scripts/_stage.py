@@ -9,6 +9,7 @@ import sys
 for pool in ("OMP", "NUMBA", "OPENBLAS", "MKL"):
     os.environ.setdefault(f"{pool}_NUM_THREADS", "1")
 
+import threading
 import time
 import traceback
 from contextlib import contextmanager
@@ -21,16 +22,26 @@ from grainfall import provenance
 from grainfall.errors import InputError
 
 
-def die_with_parent():
-    """A job whose Snakemake was killed is killed too: it must not write into the results of the next run."""
-    parent = os.getppid()
+def die_with_snakemake():
+    """A job whose Snakemake was killed ends too: it must not write into the results of the next run."""
+    me, master = os.getpid(), int(os.environ.get("GRAINFALL_SNAKEMAKE", os.getppid()))
     if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
-        if os.getppid() != parent:
-            os.kill(os.getpid(), signal.SIGKILL)
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG: at once, where it is the parent
+
+    def watch():
+        while True:
+            try:
+                os.kill(master, 0)
+            except ProcessLookupError:
+                os.kill(me, signal.SIGKILL)
+            except PermissionError:
+                pass
+            time.sleep(0.5)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
-die_with_parent()
+die_with_snakemake()
 
 
 class Progress:

@@ -52,6 +52,8 @@ def load_yaml(path: str | Path) -> dict:
         raise InputError(path, f"is not YAML ({fault})"[:300], "see config/README.md") from None
     if not isinstance(content, dict):
         raise InputError(path, "is not a mapping", "key: value lines, see config/README.md")
+    if "__use_yte__" in content:
+        raise InputError(path, "is a template, which would be run as code", "leave out __use_yte__")
     _check_plain(content, str(path))
     return content
 
@@ -355,6 +357,8 @@ def _check_path(path: str, key: str, where: str) -> None:
             raise InputError(where, f"{key} {path} does not exist", right)
         if not (found.is_file() or found.is_dir()):
             raise InputError(where, f"{key} {path} is neither a file nor a folder", right)
+        if "{" in path or "}" in path:
+            raise InputError(where, f"{key} {path} has a brace, which marks a wildcard", "rename the file")
     except InputError:
         raise
     except (OSError, ValueError):

@@ -90,6 +90,7 @@ def test_no_phase_is_named_so():
         ("a0: &a0 [x]\n" + "".join(f"a{n}: &a{n} [*a{n - 1}, *a{n - 1}]\n" for n in range(1, 60)), "values"),
         ("a: &a [*a]\n", "YAML|nested"),
         ("\x00", "not YAML"),
+        ("__use_yte__: true\na: ?__import__('os').system('touch x')\n", "run as code"),
     ],
 )
 def test_config_that_would_mislead_or_never_end(folder, text, words):
@@ -108,6 +109,14 @@ def test_devices_and_pipes_are_not_waited_for(folder):
             config.read_samples(
                 {"a": {"kind": "binary", "image": path, "pixel_size_um": 1}}, fuzz.SAMPLE_SCHEMA
             )
+
+
+def test_braces_would_be_wildcards(folder):
+    (folder / "{x}.png").write_bytes((folder / "a.png").read_bytes())
+    with pytest.raises(InputError, match="brace"):
+        config.read_samples(
+            {"a": {"kind": "binary", "image": "{x}.png", "pixel_size_um": 1}}, fuzz.SAMPLE_SCHEMA
+        )
 
 
 def test_sheet_cells_are_taken_as_they_stand(folder):

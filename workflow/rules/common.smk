@@ -2,6 +2,7 @@
 
 import fcntl
 import hashlib
+import os
 import shutil
 import sys
 from functools import cache
@@ -46,6 +47,7 @@ def sole_run():
 
 if workflow.is_main_process:
     RUNNING = sole_run()
+os.environ["GRAINFALL_SNAKEMAKE"] = str(os.getpid())  # jobs end when it does
 
 CONFIG_SCHEMA = sheet.load_yaml(HOUSE / "workflow/schemas/config.schema.yaml")
 SAMPLE_SCHEMA = sheet.load_yaml(HOUSE / "workflow/schemas/samples.schema.yaml")
