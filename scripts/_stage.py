@@ -12,7 +12,7 @@ for pool in ("OMP", "NUMBA", "OPENBLAS", "MKL"):
 import threading
 import time
 import traceback
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 # Scripts find the science of their own checkout, installed or not.
@@ -100,10 +100,12 @@ def stage(snakemake):
             print(f"grainfall: {fault}", file=terminal, flush=True)
             sys.exit(1)
         except Exception as fault:
-            traceback.print_exc()
+            with suppress(OSError):  # the log may be on the disk that is full
+                traceback.print_exc()
             what = " ".join(f"{type(fault).__name__}: {fault}".split())
             progress.say(f"{what} (trace in {log})")
             sys.exit(1)
         finally:
-            sys.stdout.flush()
-            sys.stderr.flush()
+            with suppress(OSError):
+                sys.stdout.flush()
+                sys.stderr.flush()

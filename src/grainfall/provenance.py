@@ -32,6 +32,9 @@ PACKAGES = (
 
 NAME = "provenance.json"
 
+LEVELS = 5
+"""Folders between a file of the results and the results folder, both counted, at most."""
+
 
 def checksum(path: str | Path) -> str:
     """SHA-256 of a file; of a folder, over the names and the SHA-256 of all the files in it.
@@ -108,13 +111,22 @@ def write_record(
     io.write_json(path, {"rule": rule, **sums, "parameters": plain, "versions": versions()})
 
 
+def _record(path: Path) -> dict | None:
+    """The record in a file, or None where it holds none: other programs, too, have folders called logs."""
+    try:
+        found = io.read_json(path)
+    except InputError:
+        return None
+    return found if isinstance(found, dict) and {"rule", "inputs", "outputs"} <= set(found) else None
+
+
 def records(folder: str | Path) -> dict[Path, dict]:
     """The records of the jobs of one folder of results whose outputs are still there, by name."""
-    found = {path: io.read_json(path) for path in sorted((Path(folder) / "logs").glob("*.json"))}
+    found = {path: _record(path) for path in sorted((Path(folder) / "logs").glob("*.json"))}
     return {
         path: record
         for path, record in found.items()
-        if any((path.parent / name).exists() for name in record["outputs"])
+        if record and any((path.parent / name).exists() for name in record["outputs"])
     }
 
 
@@ -127,10 +139,9 @@ def check_file(path: str | Path) -> None:
         When it is another one than the job wrote.
     """
     target = Path(os.path.abspath(path))
-    for folder in target.parents:
-        for file in sorted((folder / "logs").glob("*.json")):
-            record = io.read_json(file)
-            for name, expected in record.get("outputs", {}).items():
+    for folder in target.parents[:LEVELS]:
+        for file, record in records(folder).items():
+            for name, expected in record["outputs"].items():
                 if Path(os.path.abspath(file.parent / name)) == target:
                     if checksum(target) != expected:
                         raise InputError(
@@ -139,8 +150,6 @@ def check_file(path: str | Path) -> None:
                             "delete it, and its copy in the cache if there is one, so that it is made again",
                         )
                     return
-        if folder.name == "results":
-            return
 
 
 # --- provenance of a twin and of a run --------------------------------------------------------------
@@ -296,7 +305,8 @@ def _changed_config(run: Mapping, house: str | Path) -> Iterator[str]:
     except InputError as fault:
         yield f"config: cannot be read as it was: {fault}"
         return
-    yield from _differences(run["config"]["resolved"], resolved, "config: ")
+    before, after = ({**whole, "samples": None} for whole in (run["config"]["resolved"], resolved))
+    yield from _differences(before, after, "config: ")
     yield from _differences(run["samples"], samples, "config: sample ")
 
 

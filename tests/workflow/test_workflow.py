@@ -12,6 +12,7 @@ import zarr
 from outputs import outputs
 
 from conftest import ROOT, TINY, planned, snakemake, write_config
+from grainfall import provenance
 from grainfall.report import SUMMARY_COLUMNS
 
 pytestmark = pytest.mark.xdist_group("workflow")
@@ -36,6 +37,8 @@ AFTER_PACKING = {
     "figure",
     "ensembles_figure",
     "report_page",
+    "twin_provenance",
+    "provenance",
     "all",
 }
 
@@ -142,6 +145,22 @@ def test_rock_too_dense_for_its_grains_is_cemented(finished):
 
 def test_second_run_does_nothing(finished):
     assert planned(finished) == {}
+
+
+def test_verify_says_what_changed(finished, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(finished)
+    assert provenance.main() == 0, capsys.readouterr().out
+    assert "nothing has changed" in capsys.readouterr().out
+    folder = shutil.copytree(finished, tmp_path / "copy", ignore=shutil.ignore_patterns(".snakemake"))
+    monkeypatch.chdir(folder)
+    with (twin(folder) / "bodies.csv").open("a") as table:
+        table.write("0,grain,1\n")
+    write_config(folder, changed(seed=4))
+    assert provenance.main() == 1
+    said = capsys.readouterr().out.splitlines()
+    assert said[0] == "config: seed was 3, is 4"
+    assert said[1] == "output: results/tiny/full/0/bodies.csv is not what rule twin wrote"
+    assert len(said) == 3
 
 
 def test_packing_parameter_reruns_packing_and_what_follows(finished):

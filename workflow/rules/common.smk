@@ -233,3 +233,11 @@ def timed(*jobs):
 def figure_caption(wildcards):
     """The words of a figure, one source for the report and for Snakemake's."""
     return TEXTS[wildcards.figure].caption
+
+
+onstart:
+    target = Path("results") if Path("results").exists() else Path()
+    if not os.access(target, os.W_OK):
+        raise WorkflowError(
+            f"{target.resolve()}: may not be written to; give write permission, or run elsewhere"
+        )
