@@ -12,6 +12,7 @@ for pool in ("OMP", "NUMBA", "OPENBLAS", "MKL"):
 import threading
 import time
 import traceback
+import zlib
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -61,10 +62,14 @@ class Progress:
 
 
 @contextmanager
-def checkpoints(output):
-    """Folder beside an output for what a killed job leaves to its next run; gone when the block ends well."""
-    folder = Path(output).with_name(".checkpoints")
-    yield folder
+def checkpoints(snakemake):
+    """Folder for what a killed job leaves to its next run; gone when the block ends well.
+
+    Its name holds the science and the versions: what other code began is not carried on.
+    """
+    folder = Path(snakemake.output.bodies).with_name(".checkpoints")
+    versions = zlib.crc32(repr(sorted(provenance.versions().items())).encode())
+    yield folder / f"{snakemake.params.science}-{versions:08x}"
     shutil.rmtree(folder, ignore_errors=True)
 
 

@@ -47,7 +47,8 @@ def planned(folder, target=PACKED, *arguments):
 def messages(said):
     """What the jobs themselves said was wrong."""
     assert "Traceback" not in said, said[-3000:]
-    return [line for line in said.splitlines() if line.startswith("grainfall: ") or "Error:" in line]
+    jobs = [line for line in said.splitlines() if line.startswith(("grainfall: ", "["))]
+    return [line for line in jobs if line[0] == "g" or "Error: " in line]
 
 
 def test_kill_after_kill(undisturbed, tmp_path):
@@ -73,25 +74,24 @@ def test_kill_after_kill(undisturbed, tmp_path):
 
 def test_dates_do_not_matter(copy):
     """Copied, touched or written while the clock was wrong: what counts is the content."""
-    assert planned(copy) == set()
-    for path, when in (("section.png", 4e9), ("section.png", 1e9), ("results/s/section.zarr.zip", 4e9)):
+    for path, when in (
+        ("section.png", 4e9),
+        ("results/s/section.zarr.zip", 4e9),
+        ("results/s/sizes.csv", 1e9),
+    ):
         os.utime(copy / path, (when, when))
-        assert planned(copy) == set(), path
+    assert planned(copy) == set()
     # another image with an old date is another image
-    image = (copy / "section.png").read_bytes()
     kills.Image.fromarray(kills.section()[::-1]).save(copy / "section.png")
     os.utime(copy / "section.png", (1e9, 1e9))
     assert {"read_section", "first_packing"} <= planned(copy)
-    (copy / "section.png").write_bytes(image)
-    assert planned(copy) == set()
 
 
-@pytest.mark.parametrize("how", ["truncated", "altered"])
-def test_damaged_result_is_found_before_it_is_used(copy, undisturbed, how):
+def test_damaged_result_is_found_before_it_is_used(copy, undisturbed):
     damaged, before = copy / "results/s/labels.zarr.zip", outputs(undisturbed)
     data = bytearray(damaged.read_bytes())
     data[len(data) // 2] ^= 1
-    damaged.write_bytes(data[:-100] if how == "truncated" else data)
+    damaged.write_bytes(data)
     shutil.rmtree(copy / "results/s/grains3d")
     status, said = kills.run(copy, "results/s/grains3d")
     assert status == 1

@@ -3,6 +3,7 @@
 import fcntl
 import hashlib
 import os
+import platform
 import shutil
 import sys
 from functools import cache
@@ -25,17 +26,22 @@ def sole_run():
     """Clear the locks of a killed run.
 
     Snakemake's lock outlives a kill; a lock on an open file does not. Every run holds a share in one; who can have
-    it whole is alone, and whatever locks are there belong to nobody.
+    it whole is alone on this machine, and if the last run was here, whatever locks there are belong to nobody.
     """
     folder = Path(".snakemake")
     try:
         folder.mkdir(exist_ok=True)
-        handle = (folder / "grainfall.lock").open("a")
+        handle = (folder / "grainfall.lock").open("a+")
     except OSError:
         return None
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        shutil.rmtree(folder / "locks", ignore_errors=True)
+        handle.seek(0)
+        if handle.read() == platform.node():
+            shutil.rmtree(folder / "locks", ignore_errors=True)
+        handle.truncate(0)
+        handle.write(platform.node())
+        handle.flush()
     except OSError:
         pass  # another run is at work, or this file system knows no such locks
     try:
