@@ -74,11 +74,7 @@ def test_kill_after_kill(undisturbed, tmp_path):
 
 def test_dates_do_not_matter(copy):
     """Copied, touched or written while the clock was wrong: what counts is the content."""
-    for path, when in (
-        ("section.png", 4e9),
-        ("results/s/section.zarr.zip", 4e9),
-        ("results/s/sizes.csv", 1e9),
-    ):
+    for path, when in (("section.png", 4e9), ("results/s/section.zarr.zip", 4e9)):
         os.utime(copy / path, (when, when))
     assert planned(copy) == set()
     # another image with an old date is another image
@@ -99,7 +95,7 @@ def test_damaged_result_is_found_before_it_is_used(copy, undisturbed):
     assert "results/s/labels.zarr.zip: is not what morphology wrote" in message
     assert "delete it" in message
     damaged.unlink()
-    status, said = kills.run(copy, PACKED)
+    status, said = kills.run(copy, "results/s/grains3d")
     assert status == 0, said[-3000:]
     assert outputs(copy) == before
 
@@ -167,7 +163,6 @@ def test_largest_file_reached(tmp_path):
     assert status == 1
     assert any("OSError: [Errno 27] File too large" in line for line in messages(said)), said[-2000:]
     assert kills.litter(folder) == []
-    assert kills.run(folder, SECTION)[0] == 0
 
 
 def test_memory_reached(tmp_path):

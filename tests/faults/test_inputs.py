@@ -135,7 +135,7 @@ def test_sheet_cells_are_taken_as_they_stand(folder):
             config.read_samples("s.tsv", fuzz.SAMPLE_SCHEMA)
 
 
-BOMB = 2_500_000_000
+BOMB = 1_300_000_000
 
 
 def zeros(window):
