@@ -80,7 +80,7 @@ hard-cases: $(VENV)/.ready  ## hard scenes in both engines against the verdicts 
 	$(BIN)/python tests/benchmarks/hard_cases.py --out results/benchmarks/hard_cases.csv
 
 faults: $(VENV)/.ready  ## an hour: 50 kills, 2,000 malformed inputs, full disks; goes on where it was stopped
-	$(BIN)/python tests/faults/fuzz.py --cases 2000
+	$(BIN)/python tests/faults/fuzz.py --cases 2000 --command-line 50
 	$(BIN)/python tests/faults/kills.py --kills 50 --out results/benchmarks/faults.csv
 
 clean:  ## results and caches, not the environment

@@ -9,6 +9,7 @@ from grainfall import io, provenance
 with stage(snakemake):
     document = provenance.of_run(
         "results",
+        [snakemake.input.summary, snakemake.input.page],
         Path(snakemake.scriptdir).parent,
         **{name: snakemake.params[name] for name in ("files", "overrides", "config", "samples")},
     )

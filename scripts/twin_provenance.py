@@ -7,8 +7,6 @@ from _stage import stage
 from grainfall import io, provenance
 
 with stage(snakemake):
-    out = snakemake.output.provenance
-    document = provenance.of_twin(
-        Path(out).parent, snakemake.params.settings, snakemake.params.row, snakemake.params.seed
-    )
+    out, given = snakemake.output.provenance, snakemake.params
+    document = provenance.of_twin(Path(out).parent, snakemake.input, given.settings, given.row, given.seed)
     io.write_json(out, document)

@@ -130,6 +130,23 @@ def records(folder: str | Path) -> dict[Path, dict]:
     }
 
 
+def behind(targets: Iterable[str | Path], folders: Iterable[str | Path]) -> dict[Path, dict]:
+    """The records, of those in these folders of results, of the jobs that led to the targets."""
+    found = [pair for folder in folders for pair in records(folder).items()]
+    writer = {
+        os.path.abspath(path.parent / name): (path, record)
+        for path, record in found
+        for name in record["outputs"]
+    }
+    led, left = {}, [os.path.abspath(target) for target in targets]
+    while left:
+        path, record = writer.get(left.pop(), (None, None))
+        if path is not None and path not in led:
+            led[path] = record
+            left += [os.path.abspath(path.parent / name) for name in record["inputs"]]
+    return dict(sorted(led.items()))
+
+
 def check_file(path: str | Path) -> None:
     """Compare a file with the record of the job that wrote it, if there is one.
 
@@ -155,13 +172,17 @@ def check_file(path: str | Path) -> None:
 # --- provenance of a twin and of a run --------------------------------------------------------------
 
 
-def of_twin(folder: str | Path, settings: Mapping, sample: Mapping, seed: int) -> dict:
+def of_twin(
+    folder: str | Path, targets: Iterable[str], settings: Mapping, sample: Mapping, seed: int
+) -> dict:
     """Everything one twin rests on.
 
     Parameters
     ----------
     folder : path
         ``results/{sample}/{variant}/{realization}``.
+    targets : iterable of str
+        What was measured of the twin last.
     settings : mapping
         The config as the twin's variant sees it.
     sample : mapping
@@ -171,12 +192,12 @@ def of_twin(folder: str | Path, settings: Mapping, sample: Mapping, seed: int) -
     Returns
     -------
     dict
-        grainfall_version, sample, variant, realization, seed, config, row, and the records of all jobs by
-        their path from the folder: of the twin, of its variant, of its sample.
+        grainfall_version, sample, variant, realization, seed, config, row, and the records of all jobs that
+        led to the targets, by their path from the folder.
     """
     folder = Path(folder)
     levels = (folder.parents[1], folder.parent, folder)
-    jobs = {path: record for level in levels for path, record in records(level).items()}
+    jobs = behind(targets, levels)
     return {
         "grainfall_version": __version__,
         **dict(zip(("sample", "variant", "realization"), (level.name for level in levels), strict=True)),
@@ -189,6 +210,7 @@ def of_twin(folder: str | Path, settings: Mapping, sample: Mapping, seed: int) -
 
 def of_run(
     results: str | Path,
+    targets: Iterable[str],
     house: str | Path,
     *,
     files: Iterable[str],
@@ -202,6 +224,8 @@ def of_run(
     ----------
     results : path
         The results folder.
+    targets : iterable of str
+        Summary and report.
     house : path
         Root of the checkout, which has the lock.
     files : iterable of str
@@ -217,6 +241,7 @@ def of_run(
         seed, config, samples, SHA-256 of the user's files, versions, SHA-256 of lock and source, and the
         records of the jobs over all samples.
     """
+    jobs = behind(targets, [results])
     given = [row[key] for row in samples.values() for key in ("image", "grey", "reference") if row.get(key)]
     return {
         "grainfall_version": __version__,
@@ -228,7 +253,7 @@ def of_run(
         "machine": f"{platform.system()} {platform.machine()}",
         "lock": checksum(Path(house) / "requirements.lock"),
         "source": source_checksum(),
-        "jobs": dict(zip(_relative(found := records(results), results), found.values(), strict=True)),
+        "jobs": dict(zip(_relative(jobs, results), jobs.values(), strict=True)),
     }
 
 
@@ -287,7 +312,7 @@ def verify(results: str | Path, house: str | Path) -> tuple[list[str], int]:
         for folder, document in collected
         for name, record in document["jobs"].items()
     }
-    changed, compared = _changed_outputs(jobs)
+    changed, compared = _changed_outputs(jobs, Path(os.path.normpath(results)))
     return [*changes, *changed], compared + len(run["inputs"])
 
 
@@ -333,7 +358,7 @@ def _changed_versions(run: Mapping, house: str | Path) -> Iterator[str]:
         yield "version: the source of grainfall is another one"
 
 
-def _changed_outputs(jobs: Mapping[Path, Mapping]) -> tuple[list[str], int]:
+def _changed_outputs(jobs: Mapping[Path, Mapping], results: Path) -> tuple[list[str], int]:
     """Outputs gone or altered; results that came from another file, or other versions, than the rest."""
     changes, compared = [], 0
     made: dict[Path, str] = {}
@@ -349,9 +374,12 @@ def _changed_outputs(jobs: Mapping[Path, Mapping]) -> tuple[list[str], int]:
     for path, record in jobs.items():
         for name, used in record["inputs"].items():
             file = Path(os.path.normpath(path.parent / name))
+            if file not in made and results in file.parents:
+                made[file] = checksum(file) if file.exists() else ""
+                compared += 1
             if made.get(file, used) != used:
-                results = ", ".join(Path(output).name for output in record["outputs"])
-                changes.append(f"output: {results} of {path.parent.parent} came from another {file}")
+                outputs = ", ".join(Path(output).name for output in record["outputs"])
+                changes.append(f"output: {outputs} of {path.parent.parent} came from another {file}")
     now = versions()
     for older in {
         json.dumps(record["versions"], sort_keys=True): record for record in jobs.values()

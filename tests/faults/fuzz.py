@@ -6,11 +6,13 @@ anything but a good result or one line; ``cases(n)`` is what the tests take thei
 
 import argparse
 import io
+import itertools
 import os
 import random
 import re
 import resource
 import shutil
+import subprocess
 import sys
 import tempfile
 import time
@@ -250,13 +252,44 @@ def try_case(kind, name, data, folder):
         return "refused"
 
 
+def try_command_line(data, folder):
+    """What Snakemake says to a config, in a folder that has results: not a trace, and nothing touched."""
+    (folder / "c.yaml").write_bytes(data)
+    kept = folder / "results/rock/section.zarr.zip"
+    kept.parent.mkdir(parents=True, exist_ok=True)
+    kept.write_text("kept")
+    command = [
+        sys.executable,
+        "-m",
+        "snakemake",
+        "--snakefile",
+        ROOT / "Snakefile",
+        "--cores",
+        "1",
+        "--dry-run",
+    ]
+    done = subprocess.run(
+        [*command, "--configfile", "c.yaml", "--quiet", "host"],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    said = done.stdout + done.stderr
+    assert "Traceback" not in said, said[-3000:]
+    assert kept.read_text() == "kept"
+    assert [path.name for path in (folder / "results").rglob("*") if path.is_file()] == [kept.name]
+    return "refused" if done.returncode else "accepted"
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cases", type=int, default=2000)
+    parser.add_argument("--command-line", type=int, default=50, help="configs that go through Snakemake")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--keep", type=Path, help="folder for the cases that failed")
     given = parser.parse_args()
-    # a bomb ends here, not in the machine's swap
+    # a bomb ends here, not in the swap of the machine
     resource.setrlimit(resource.RLIMIT_AS, (6 * 2**30, 6 * 2**30))
     good = images()["a.png"]
     truth = np.array(Image.open(io.BytesIO(good))) > 100
@@ -287,6 +320,20 @@ def main():
             outcome = found if isinstance(found, str) else "accepted"
             counts[kind, outcome] = counts.get((kind, outcome), 0) + 1
             (folder / "a.png").write_bytes(good)
+        configs = (data for kind, _, data in cases(10**6, given.seed + 1) if kind == "config")
+        for number, data in enumerate(itertools.islice(configs, given.command_line)):
+            try:
+                outcome = try_command_line(data, folder)
+            except AssertionError:
+                failed += 1
+                outcome = "failed"
+                print(f"--- command line, case {number}")
+                traceback.print_exc(limit=-1)
+                if given.keep:
+                    given.keep.mkdir(parents=True, exist_ok=True)
+                    (given.keep / f"command-line-{number}.yaml").write_bytes(data)
+            key = "command line", outcome
+            counts[key] = counts.get(key, 0) + 1
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     for key, count in sorted(counts.items()):
         print(*key, count)

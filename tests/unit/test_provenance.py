@@ -25,10 +25,19 @@ def study(tmp_path, monkeypatch, root):
     provenance.write_record(sample_log, "read", ["rock.png"], ["results/rock/section.csv"], {"a": 1})
     provenance.write_record(twin_log, "twin", ["results/rock/section.csv"], [str(twin / "twin.csv")], {})
     whole, rows = provenance._resolved(root, ["my.yaml"], {"seed": 4})
-    document = provenance.of_twin(twin, config.variant(whole, "full"), rows["rock"], whole["seed"])
+    io.write_text(twin / "figure.svg", "later")
+    provenance.write_record(
+        twin / "logs/figure.json", "figure", [str(twin / "twin.csv")], [str(twin / "figure.svg")], {}
+    )
+    document = provenance.of_twin(
+        twin, [twin / "twin.csv"], config.variant(whole, "full"), rows["rock"], whole["seed"]
+    )
     io.write_json(twin / "provenance.json", document)
+    io.write_text("results/summary.csv", "summary\n")
+    summary = "results/summary.csv", "results/logs/summary.json"
+    provenance.write_record(summary[1], "summary", [str(twin / "figure.svg")], [summary[0]], {})
     run = provenance.of_run(
-        "results", root, files=["my.yaml"], overrides={"seed": 4}, config=whole, samples=rows
+        "results", summary[:1], root, files=["my.yaml"], overrides={"seed": 4}, config=whole, samples=rows
     )
     io.write_json("results/provenance.json", run)
     return tmp_path
@@ -45,6 +54,8 @@ def test_a_twin_tells_all_it_rests_on(study):
     read = twin["jobs"]["../../logs/read.json"]
     assert read["inputs"] == {"../../../rock.png": provenance.checksum("rock.png")}
     assert read["versions"] == provenance.versions()
+    # what was drawn from the twin is not what it rests on
+    assert sorted(twin["jobs"]) == ["../../logs/read.json", "logs/twin.json"]
 
 
 def test_nothing_changed(study, root):
@@ -63,6 +74,11 @@ def test_nothing_changed(study, root):
             "output: results/rock/full/0/twin.csv is not what rule twin wrote",
         ),
         ("results/rock/full/0/twin.csv", None, "output: results/rock/full/0/twin.csv is gone (rule twin)"),
+        (
+            "results/rock/full/0/figure.svg",
+            "x",
+            "output: summary.csv of results came from another results/rock",
+        ),
         ("my.yaml", None, "config: cannot be read as it was: my.yaml: No such file"),
     ],
 )
@@ -97,10 +113,8 @@ def test_result_of_another_file_than_the_rest(study, root):
     )
     twin = study / "results/rock/full/0"
     document = io.read_json(twin / "provenance.json")
-    document["jobs"] = dict(io.read_json("results/provenance.json")["jobs"])
-    for level in (study / "results/rock", twin):
-        for path, record in provenance.records(level).items():
-            document["jobs"][os.path.relpath(path, twin)] = record
+    jobs = provenance.behind([twin / "twin.csv"], [study / "results/rock", twin])
+    document["jobs"] = {os.path.relpath(path, twin): record for path, record in jobs.items()}
     io.write_json(twin / "provenance.json", document)
     assert changes(root) == [
         "output: twin.csv of results/rock/full/0 came from another results/rock/section.csv"
