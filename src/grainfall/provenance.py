@@ -355,7 +355,7 @@ def _changed_versions(run: Mapping, house: str | Path) -> Iterator[str]:
     if run["lock"] != checksum(Path(house) / "requirements.lock"):
         yield "version: requirements.lock is another one"
     if run["source"] != source_checksum():
-        yield "version: the source of grainfall is another one"
+        yield "version: the source of grainfall is another one (what that touches: snakemake --dry-run)"
 
 
 def _changed_outputs(jobs: Mapping[Path, Mapping], results: Path) -> tuple[list[str], int]:
@@ -374,8 +374,8 @@ def _changed_outputs(jobs: Mapping[Path, Mapping], results: Path) -> tuple[list[
     for path, record in jobs.items():
         for name, used in record["inputs"].items():
             file = Path(os.path.normpath(path.parent / name))
-            if file not in made and results in file.parents:
-                made[file] = checksum(file) if file.exists() else ""
+            if file not in made and results in file.parents and file.exists():  # some are temporary
+                made[file] = checksum(file)
                 compared += 1
             if made.get(file, used) != used:
                 outputs = ", ".join(Path(output).name for output in record["outputs"])

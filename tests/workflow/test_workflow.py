@@ -149,14 +149,14 @@ def test_second_run_does_nothing(finished):
 
 def test_verify_says_what_changed(finished, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(finished)
-    assert provenance.main() == 0, capsys.readouterr().out
+    assert provenance.main(["results"]) == 0, capsys.readouterr().out
     assert "nothing has changed" in capsys.readouterr().out
     folder = shutil.copytree(finished, tmp_path / "copy", ignore=shutil.ignore_patterns(".snakemake"))
     monkeypatch.chdir(folder)
     with (twin(folder) / "bodies.csv").open("a") as table:
         table.write("0,grain,1\n")
     write_config(folder, changed(seed=4))
-    assert provenance.main() == 1
+    assert provenance.main(["results"]) == 1
     said = capsys.readouterr().out.splitlines()
     assert said[0] == "config: seed was 3, is 4"
     assert said[1] == "output: results/tiny/full/0/bodies.csv is not what rule twin wrote"

@@ -53,7 +53,7 @@ def sole_run():
 
 if workflow.is_main_process:
     RUNNING = sole_run()
-os.environ["GRAINFALL_SNAKEMAKE"] = str(os.getpid())  # jobs end when it does
+os.environ.update(GRAINFALL_SNAKEMAKE=str(os.getpid()))  # jobs end when it does
 
 CONFIG_SCHEMA = sheet.load_yaml(HOUSE / "workflow/schemas/config.schema.yaml")
 SAMPLE_SCHEMA = sheet.load_yaml(HOUSE / "workflow/schemas/samples.schema.yaml")
