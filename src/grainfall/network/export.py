@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from grainfall.errors import InputError
-from grainfall.io import read_table, write_table
+from grainfall.io import atomic_path, read_table, write_table
 from grainfall.network.elements import LENGTH_POWER, Network, conduit_lengths
 
 
@@ -29,6 +29,17 @@ def to_openpnm(network: Network) -> object:
     pn["throat.diameter"] = pn["throat.inscribed_diameter"]
     pn["throat.spacing"] = pn["throat.total_length"]
     return pn
+
+
+def save_openpnm(network: Network, path: str | Path) -> None:
+    """Write a network as the one CSV that ``openpnm.io.network_from_csv`` reads, in metres."""
+    import openpnm
+
+    with atomic_path(path) as part:
+        # OpenPNM appends .csv where it is not there.
+        named = part.with_name(f"{part.name}.csv")
+        openpnm.io.network_to_csv(to_openpnm(network), filename=str(named))
+        named.replace(part)
 
 
 def save(network: Network, pores_csv: str | Path, throats_csv: str | Path) -> None:
