@@ -7,6 +7,7 @@ import pytest
 from grainfall.packing import Box, Parameters, deposit, settle
 from grainfall.packing.bed import Bed
 from grainfall.packing.engine import Solid, start
+from grainfall.packing.rest import relax
 
 ENGINES = ["physx", "bullet"]
 BOX = Box((300.0,) * 3, 50.0)
@@ -116,3 +117,38 @@ def test_energy_of_a_bed():
     bed.velocity[0] = [3.0, 0, 0]
     bed.spin[0] = [0, 2.0, 0]
     assert bed.energy() == pytest.approx(mass * (9.8 * 4.0 + 4.5 + 0.4 * 4 / 2))
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_bodies_pressed_into_each_other_part_gently(engine):
+    """A tenth of a radius deep: apart again, and thrown no higher than half a radius."""
+    bodies = spheres([[150, 150, 0], [150, 150, 95.5]])
+    moved, report = settle(bodies, NoShapes, BOX, Parameters.named(engine=engine))
+    assert report["max_overlap"] < 0.01
+    assert moved["z"][1] == pytest.approx(100, abs=1)
+    assert report["energy_rise"] < 0.5 / 4
+
+
+def test_a_last_moving_grain_does_not_keep_the_others_awake():
+    """One grain falls onto a bed: in most steps it and what it touches move, the rest waits."""
+    bed = deposit(supply(), NoShapes, BOX, Parameters.named(), np.random.default_rng(1))
+    late = spheres([[150, 150, bed["z"].max() + 150]]).assign(id=len(bed))
+    moving = []
+    together = Bed.of(pd.concat([bed, late], ignore_index=True), NoShapes, BOX, Parameters.named())
+    start = together.start
+
+    def counted(parameters=None):
+        start(parameters)
+        moving.append(int((~together.fixed).sum()))
+
+    together.start = counted
+    report = relax(together)
+    assert report["at_rest"]
+    assert moving[0] == len(together)
+    assert 1 <= min(moving) < len(together) / 4
+
+
+def test_around_a_body():
+    row = Bed.of(spheres([[0, 0, 0], [99, 0, 0], [201, 0, 0]]), NoShapes, BOX, Parameters.named())
+    assert row.around(np.array([True, False, False])).tolist() == [True, True, False]
+    assert row.around(np.array([False, False, True])).tolist() == [False, False, True]

@@ -213,6 +213,16 @@ class Bed:
         bodies = (found.pairs != WALL).all(axis=1)
         return found.pairs[bodies], found.gap[bodies]
 
+    def around(self, chosen: np.ndarray) -> np.ndarray:
+        """The chosen bodies (mask) and all whose bounding spheres touch one of theirs."""
+        found = chosen.copy()
+        tree = cKDTree(self.position)
+        for i in np.flatnonzero(chosen):
+            near = np.array(tree.query_ball_point(self.position[i], self.bound[i] + self.bound.max()))
+            gap = np.linalg.norm(self.position[near] - self.position[i], axis=1) - self.bound[near]
+            found[near[gap < self.bound[i]]] = True
+        return found
+
     def escaped(self) -> int:
         """Bodies whose centre is outside the walls or below the floor."""
         outside = (self.position[:, :2] < 0) | (self.position[:, :2] > self.sides)

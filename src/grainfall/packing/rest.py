@@ -133,6 +133,10 @@ def relax(
     faster the smaller the step is (``make bench-creep``). Motion is damped while the bed settles, and not in
     the last window, over which drift, force balance and energy are judged.
 
+    A few grains go on for long after the bed about them has come to rest. They and their neighbours are then
+    moved on alone, the others fixed, before all are set free again: a bed of four thousand takes a third of
+    the body steps, and the cost no longer grows with the square of its size.
+
     Parameters
     ----------
     bed : Bed
@@ -156,45 +160,58 @@ def relax(
     given = bed.parameters
     fine = replace(given, dt=given.dt * REFINEMENT, contact_manifold="full")
     windows = given.rest_windows if windows is None else windows
-    bed.fixed[:] = False
     bed.velocity[:] = bed.spin[:] = 0.0
-    bed.start(fine)
-    energy = [bed.energy()]
+    energy: list[float] = []
+    steps = 0
 
-    def asleep(way: np.ndarray) -> np.ndarray:
-        return way < given.sleep_speed * WINDOW * fine.dt
-
-    def window(damping: float) -> np.ndarray:
-        """Way of each body over one window."""
-        per_second = damping / fine.dt
-        bed.engine.damp(given.linear_damping + per_second, given.angular_damping + per_second)
+    def window(free: np.ndarray, damping: float) -> np.ndarray:
+        """Way of each body over one window in which these are free."""
+        nonlocal steps
+        if bed.engine is None or (bed.fixed == free).any():
+            bed.fixed = ~free
+            bed.start(fine)
+        bed.engine.damp(given.linear_damping + damping / fine.dt, given.angular_damping + damping / fine.dt)
         before = bed.position.copy()
+        energy.append(bed.energy())
         for _ in range(10):
             bed.engine.step(WINDOW // 10)
             bed.read()
             energy.append(bed.energy())
-        return np.linalg.norm(bed.position - before, axis=1)
-
-    def left(way: np.ndarray) -> int:
-        """Windows left to the bed: more while some of its bodies are not even asleep."""
-        return (windows if asleep(way).all() else PATIENCE * windows) - done
-
-    done, way, quiet = 0, np.full(len(bed), np.inf), False
-    while True:
-        judged = quiet or left(way) <= 1
-        velocity = bed.velocity.copy()
-        way = window(0.0 if judged else DAMPING)
-        done += 1
+        steps += WINDOW
+        way = np.linalg.norm(bed.position - before, axis=1)
         if progress:
-            progress(f"coming to rest, step {done * WINDOW}: mean drift {way.mean():.2g} radii")
-        still = bool(asleep(way).all())
-        if judged and (left(way) <= 0 or (still and way.mean() < rest)):
+            moving = f"{np.count_nonzero(~asleep(way))} of {len(bed)} bodies move"
+            progress(f"coming to rest, step {steps}: {moving}, mean drift {way.mean():.2g} radii")
+        return way
+
+    def asleep(way: np.ndarray) -> np.ndarray:
+        return way < given.sleep_speed * WINDOW * fine.dt
+
+    everybody = np.ones(len(bed), bool)
+    alone = ALONE * windows
+    drifts: list[float] = []
+    quiet = False
+    while True:
+        judged = quiet or len(drifts) >= windows - 1
+        _draw_apart(bed, fine)
+        velocity = bed.velocity.copy()
+        way = window(everybody, 0.0 if judged else DAMPING)
+        restless = ~asleep(way)
+        still = not restless.any()
+        drifts.append(float(way.mean()))
+        stalled = still and _stalled(drifts)
+        ended = still and (drifts[-1] < rest or stalled or len(drifts) >= windows)
+        patient = len(drifts) < PATIENCE * windows
+        if judged and (not patient or (ended and not len(bed.deep_pairs(UNSEEN)))):
             break
-        quiet = still and not judged and way.mean() < rest / 2
+        quiet = stalled or way[~restless].sum() < rest * len(bed)
+        while restless.any() and alone:
+            alone -= 1
+            restless = ~asleep(window(bed.around(restless), DAMPING))
     gained = np.linalg.norm(bed.velocity - velocity, axis=1) / (WINDOW * fine.dt)
     lowest = np.minimum.accumulate(energy)
     report = {
-        "steps": done * WINDOW,
+        "steps": steps,
         "at_rest": still and bool(way.mean() < rest),
         "drift_mean": float(way.mean()),
         "drift_p99": float(np.quantile(way, 0.99)),
@@ -213,8 +230,39 @@ def relax(
 REFINEMENT = 0.5
 """Step of the relaxation over that of the pouring."""
 
+
+def _draw_apart(bed: Bed, parameters: Parameters) -> None:
+    """Separate bodies that lie in each other unseen.
+
+    PhysX's narrow phase goes by what it found in the step before, and at times overlooks two hulls of many
+    facets until they are a tenth of a radius deep in each other. A new engine sees them in its first step.
+    """
+    for _ in range(TRIES):
+        if not len(bed.deep_pairs(UNSEEN)):
+            return
+        bed.fixed[:] = False
+        bed.start(parameters)
+        bed.engine.step(1)
+        bed.read()
+
+
+UNSEEN, TRIES = 0.01, 40
+"""Depth, radii of the smaller body, from which a pair is drawn apart, and the most steps taken for it."""
+
+STALL = 3
+"""Windows in which drift must fall by a tenth for more of them to be worth their time. Bullet's solver keeps
+hulls drifting by 0.003 radii a window, however long."""
+
+
+def _stalled(drifts: list[float]) -> bool:
+    return len(drifts) > STALL and min(drifts[-STALL:]) > 0.9 * min(drifts[:-STALL])
+
+
 PATIENCE = 4
 """Times the windows that a bed is given while some of its bodies are not even asleep."""
+
+ALONE = 10
+"""Windows of the last moving bodies alone, for each that all bodies are given."""
 
 DAMPING = 0.02
 """Share of its speed that a body loses in a step of the relaxation."""
