@@ -245,6 +245,7 @@ def test_export_replaces_only_by_force(capsys, tmp_path):
     assert "statoil" in said
 
 
+@pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")
 def test_documentation_builds_without_a_warning(root, tmp_path):
     pytest.importorskip("sphinx")
     from sphinx.cmd.build import main
