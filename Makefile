@@ -4,9 +4,10 @@ CORES ?= all
 VENV := .venv
 BIN := $(VENV)/bin
 SNAKEMAKE := $(BIN)/snakemake --profile workflow/profiles/local --cores $(CORES)
-IMAGE ?=
+# A path comes to the shell as a variable of its own, so that nothing in its name is run.
+override export IMAGE := $(value IMAGE)
 
-.PHONY: demo test lint format docs thin-section engines report bench-costs bench-stereology bench-segmentation bench-engines bench-creep bench-packing bench-decomposition bench-network bench-permeability hard-cases clean
+.PHONY: demo test lint format docs thin-section engines report bench-costs bench-stereology bench-segmentation bench-engines bench-creep bench-packing bench-decomposition bench-network bench-permeability hard-cases faults verify clean
 
 demo: $(VENV)/.ready  ## the embedded demo, to results/summary.csv and results/report.html
 	$(SNAKEMAKE)
@@ -24,9 +25,12 @@ $(VENV)/.ready: requirements.lock pyproject.toml
 	@touch $@
 
 thin-section: $(VENV)/.ready  ## a real section: make thin-section IMAGE=path/to/miocene_20_2_instances.npz
-	@test -n "$(IMAGE)" || { echo "say which image: make thin-section IMAGE=path/to/instances.npz"; exit 1; }
+	@test -n "$$IMAGE" || { echo "say which image: make thin-section IMAGE=path/to/instances.npz"; exit 1; }
 	$(SNAKEMAKE) --configfile config/cases/thin_section.yaml \
-		--config 'samples={thin_section: {image: "$(IMAGE)"}}'
+		--config "samples={thin_section: {image: '$$IMAGE'}}"
+
+verify: $(VENV)/.ready  ## is everything behind the results still as it was? Says what changed; status 1 if anything did
+	$(BIN)/python -m grainfall.provenance
 
 engines: $(VENV)/.ready  ## PhysX and Bullet side by side, five paired realizations
 	$(SNAKEMAKE) --configfile config/cases/engines.yaml
@@ -69,7 +73,7 @@ bench-packing: $(VENV)/.ready  ## hours; goes on where it was stopped
 	$(BIN)/python tests/benchmarks/packing_speed.py --out results/benchmarks/packing_speed.csv
 
 bench-decomposition: $(VENV)/.ready  ## a section's grains too: make bench-decomposition IMAGE=path/to/instances.npz
-	$(BIN)/python tests/benchmarks/decomposition.py $(if $(IMAGE),--section "$(IMAGE)") \
+	$(BIN)/python tests/benchmarks/decomposition.py $${IMAGE:+--section "$$IMAGE"} \
 		--out results/benchmarks/decomposition.csv
 
 bench-network: $(VENV)/.ready  ## time, memory and topology of network extraction
@@ -80,6 +84,10 @@ bench-permeability: $(VENV)/.ready
 
 hard-cases: $(VENV)/.ready  ## hard scenes in both engines against the verdicts written down before
 	$(BIN)/python tests/benchmarks/hard_cases.py --out results/benchmarks/hard_cases.csv
+
+faults: $(VENV)/.ready  ## an hour: 50 kills, 2,000 malformed inputs, full disks; goes on where it was stopped
+	$(BIN)/python tests/faults/fuzz.py --cases 2000 --command-line 50
+	$(BIN)/python tests/faults/kills.py --kills 50 --out results/benchmarks/faults.csv
 
 clean:  ## results and caches, not the environment
 	rm -rf .snakemake $(filter-out results/README.md,$(wildcard results/*))

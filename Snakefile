@@ -28,6 +28,7 @@ rule all:
     input:
         "results/summary.csv",
         "results/report.html",
+        "results/provenance.json",
     localrule: True
 
 

@@ -136,12 +136,12 @@ class TestVoxelDucts:
         one = duct(12, 40, (56, 16))
         two = one | duct(12, 40, (56, 16), corner=(30, 2))
         k = [through[0](p)["k_md"][0] for p in (one, two)]
-        assert k[1] == pytest.approx(2 * k[0], rel=1e-6)
-        assert k[1] == pytest.approx(straight["k_md"][0], rel=1e-6)
+        assert k[1] == pytest.approx(2 * k[0], rel=1e-4)
+        assert k[1] == pytest.approx(straight["k_md"][0], rel=1e-4)
 
     def test_turned_duct_turns_the_answer(self, straight, through):
         turned = through[0](np.moveaxis(duct(12, 40, (28, 16)), (0, 1, 2), (2, 1, 0)))
-        assert turned["k_md"].tolist() == pytest.approx(straight["k_md"].tolist()[::-1], rel=1e-6)
+        assert turned["k_md"].tolist() == pytest.approx(straight["k_md"].tolist()[::-1], rel=1e-4)
 
     def test_permeability_scales_with_the_square_of_the_voxel(self, straight, through):
         larger = through[0](duct(12, 40, (28, 16)), 3.0)
@@ -151,7 +151,7 @@ class TestVoxelDucts:
     def test_an_isolated_pore_changes_nothing(self, straight, through):
         pore = duct(12, 40, (28, 16))
         pore[18:24, 5:11, 10:16] = True
-        assert through[0](pore)["k_md"].tolist() == pytest.approx(straight["k_md"].tolist(), rel=1e-6)
+        assert through[0](pore)["k_md"].tolist() == pytest.approx(straight["k_md"].tolist(), rel=1e-4)
 
     def test_a_plug_stops_the_flow(self, through):
         pore = duct(12, 40, (16, 16))

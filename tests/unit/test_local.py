@@ -5,8 +5,8 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from grainfall import flow
-from grainfall.flow import elliptic, local
-from grainfall.network import Interfaces, Partition, find_interfaces, partition
+from grainfall.flow import elliptic, local, mobility
+from grainfall.network import Interfaces, find_interfaces, partition
 
 
 def rock(n: int = 32, porosity: float = 0.3, seed: int = 1) -> np.ndarray:
@@ -14,10 +14,9 @@ def rock(n: int = 32, porosity: float = 0.3, seed: int = 1) -> np.ndarray:
     return noise > np.quantile(noise, 1 - porosity)
 
 
-def cut(pore: np.ndarray, labels: np.ndarray) -> tuple[Partition, Interfaces]:
+def cut(pore: np.ndarray, labels: np.ndarray) -> tuple[np.ndarray, Interfaces]:
     """A pore space parted as ``labels`` say, with one throat between any two that touch."""
     labels = np.where(pore, labels, 0).astype(np.int32)
-    peaks = np.array([np.flatnonzero(labels == b)[0] for b in range(1, labels.max() + 1)])
     voxels, axes, pairs = [], [], []
     index = np.arange(labels.size).reshape(labels.shape)
     for axis in range(3):
@@ -30,12 +29,12 @@ def cut(pore: np.ndarray, labels: np.ndarray) -> tuple[Partition, Interfaces]:
     order = np.argsort(throats.ravel(), kind="stable")
     found = (np.concatenate(voxels)[order], np.concatenate(axes)[order], throats.ravel()[order], conns)
     none = np.zeros(len(conns), np.int64)
-    return Partition(labels, labels, labels, peaks, peaks), Interfaces(*found, none, none > 0)
+    return labels, Interfaces(*found, none, none > 0)
 
 
 def parted(pore: np.ndarray) -> dict[str, local.Rates]:
     parts = partition(pore)
-    return local.solve(parts, find_interfaces(parts))
+    return local.solve(parts.labels, find_interfaces(parts))
 
 
 class TestDucts:
@@ -51,12 +50,12 @@ class TestDucts:
     def test_however_it_is_parted(self, pore, tilt):
         z, y, x = np.indices(pore.shape)
         whole = local.solve(*cut(pore, np.ones(pore.shape)))["x"]
-        assert whole.hydraulic == pytest.approx(elliptic.solve(pore, "x").k * 72 / 30, rel=1e-4)
-        assert whole.electrical == pytest.approx(29 / 30, rel=1e-4)
+        assert whole.hydraulic == pytest.approx(elliptic.solve(pore, "x").k * 72 / 30, rel=1e-3)
+        assert whole.electrical == pytest.approx(29 / 30, rel=1e-3)
         parts = local.solve(*cut(pore, 1 + np.digitize(x + tilt * (y - z) / 2, [4, 11, 12, 22])))["x"]
         # across a tilted cut the pressure is a plane too, but the steps of the voxels ruffle the velocity
-        assert parts.hydraulic == pytest.approx(whole.hydraulic, rel=0.06 if tilt else 1e-4)
-        assert parts.electrical == pytest.approx(whole.electrical, rel=0.02 if tilt else 1e-4)
+        assert parts.hydraulic == pytest.approx(whole.hydraulic, rel=0.06 if tilt else 1e-3)
+        assert parts.electrical == pytest.approx(whole.electrical, rel=0.02 if tilt else 1e-3)
 
     def test_parted_lengthwise(self, pore):
         _, y, x = np.indices(pore.shape)
@@ -101,10 +100,33 @@ class TestRock:
         pore = np.pad(rock(), ((0, 9), (0, 0), (0, 0)))
         without = parted(pore)["x"]
         pore[34:39, 5:9, 5:9] = True
-        assert parted(pore)["x"][:2] == pytest.approx(without[:2], rel=1e-6)
+        assert parted(pore)["x"][:2] == pytest.approx(without[:2], rel=1e-4)
 
     def test_permeability_scales_with_the_square_of_the_voxel(self, rates):
         table, once = (flow.permeability(rock(), voxel_um).set_index("axis") for voxel_um in (3.0, 1.0))
         assert table["k_md"].tolist() == pytest.approx((9 * once["k_md"]).tolist(), rel=1e-9)
         assert table["formation_factor"].tolist() == pytest.approx(once["formation_factor"].tolist())
         assert once["formation_factor"]["x"] == pytest.approx(len(rock()) / rates["x"].electrical)
+
+
+class TestMobility:
+    def test_exact_in_a_slit(self):
+        width = 7
+        pore = np.zeros((width + 4, 12, 12), bool)
+        pore[2:-2] = True
+        found = mobility.mobility(pore, 1e-6)
+        across = found.lower.reshape(width, 12, 12, 3)[:, 6, 6]
+        # the volume's sides are walls to what flows along them, so the slit is a duct 12 wide
+        duct = elliptic.solve(pore[:, :, :1].repeat(12, axis=2), "x").flux[2][2:-2, 6, 5] * 12
+        assert across[:, 2] == pytest.approx(duct, rel=1e-3)
+        depth = np.arange(width)
+        assert (across[:, 0] <= depth * (width - depth) / 2).all()
+        assert found.upper[0].max() == 0
+        assert (found.upper[1][2:-2] > 0).all()
+
+    def test_block_by_block_as_at_once(self):
+        at_once, parts = (mobility.mobility(rock(48), 1e-5, block) for block in (48, 12))
+        scale = at_once.lower.max()
+        assert np.abs(parts.lower - at_once.lower).max() < 0.01 * scale
+        for one, other in zip(parts.upper, at_once.upper, strict=True):
+            assert np.abs(one - other).max() < 0.02 * scale

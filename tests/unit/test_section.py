@@ -222,6 +222,34 @@ def test_palette_indices_are_labels_but_not_grey(tmp_path):
     refuse("palette", tmp_path / "a.png", "grey", 1)
 
 
+def test_binary_image_that_looks_inverted_needs_a_word(tmp_path):
+    """By stored value the pore would be what everybody sees as grain."""
+    seen = EXPECTED > 0
+    stored = (~seen).astype(np.uint8)
+    image = Image.fromarray(stored, mode="P")
+    image.putpalette([255, 255, 255, 0, 0, 0])
+    image.save(tmp_path / "a.png")
+    tifffile.imwrite(tmp_path / "a.tif", stored * np.uint8(255), photometric="miniswhite")
+    for name, pore, why in (("a.png", 1, "palette"), ("a.tif", 255, "0 as white")):
+        refuse(why, tmp_path / name, "binary", 1)
+        section = read_section(tmp_path / name, "binary", 1, pore_value=pore)
+        np.testing.assert_array_equal(section.phase > 0, seen)
+    refuse("0 as white", tmp_path / "a.tif", "grey", 1)
+
+
+def test_zarr_folder_that_lost_a_chunk_is_refused(tmp_path):
+    """Absent chunks read as 0, the pore: half a section would pass for a porous one."""
+    group = zarr.open_group(tmp_path / "a.zarr", mode="w")
+    array = group.create_array(
+        "phase", shape=VALUES.shape, dtype="u1", chunks=(2, 2), config={"write_empty_chunks": True}
+    )
+    array[...] = (VALUES > 0) + 1
+    chunk = sorted((tmp_path / "a.zarr/phase/c").rglob("*"))[-1]
+    read_section(tmp_path / "a.zarr", "binary", 1)
+    chunk.unlink()
+    refuse("chunks are absent", tmp_path / "a.zarr", "binary", 1)
+
+
 def test_the_zip_of_a_section_gives_it_back_and_depends_on_nothing_else(tmp_path):
     section = Section(
         EXPECTED.astype(np.uint8), 2.5, tuple(PHASES), EXPECTED.astype(np.int32), VALUES, {"thresholds": [3]}

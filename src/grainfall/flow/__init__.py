@@ -122,7 +122,9 @@ def _through_network(
     size_um = voxel_size_um * np.array(pore.shape[::-1], float)
     if conductance == "local":
         parts = partition(pore, persistence=persistence)
-        rates = local.solve(parts, find_interfaces(parts)).values()
+        labels, found = parts.labels, find_interfaces(parts)
+        del parts  # what else it holds is as large as all that follows
+        rates = local.solve(labels, found).values()
         through = [(r.hydraulic * voxel_size_um**3, r.electrical * voxel_size_um) for r in rates]
     else:
         network = extract(pore, voxel_size_um, persistence=persistence) if network is None else network

@@ -18,7 +18,8 @@ are voxels, viscosity and conductivity 1.
 
 from __future__ import annotations
 
-from typing import NamedTuple, TypeAlias
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -26,25 +27,20 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
-from grainfall.flow.elliptic import AXES, CLOSE, image_axis
-from grainfall.flow.multigrid import Multigrid, dot, solve_symmetric
-from grainfall.flow.staggered import friction
-from grainfall.network import Interfaces, Partition
+from grainfall.flow.elliptic import AXES, image_axis
+from grainfall.flow.mobility import mobility
+from grainfall.flow.multigrid import BLOCK, Multigrid, dot, solve_symmetric
+from grainfall.flow.multiport import conductances
+from grainfall.network import Interfaces
 
 RESOLVED = 1.0
 """Standard deviation of an interface's faces along a direction, in voxels, from which on it has a slope."""
 
-CLOSE_LOCALLY = 1e-3
-"""Residual of the local solutions; errors of the conductances are near its square."""
+EXACT = 1e-10
+"""Residual of the pressures between pores."""
 
-MOST_STEPS = 1000
-"""Of conjugate gradients within a pore; a few tens do."""
-
-AT_ONCE = 16
-"""Sources solved for together, lanes of the processor's vectors."""
-
-ROWS = 4096
-"""Rows gathered before their products are summed."""
+MANY = 5000
+"""Unknowns between pores from which on their matrix is not factorised."""
 
 
 class Rates(NamedTuple):
@@ -70,27 +66,41 @@ class Ports(NamedTuple):
 
     Attributes
     ----------
-    pore, voxel, way : (f,) int
-        Pore from 0; flat index of its voxel; face of that voxel, 2 * axis + (1 for the upper one).
-    unknowns : (f, 4) int
-        Of the interface: its mean pressure, then slopes along its principal directions, -1 where it has none.
-    modes : (f, 4) float
-        Pressure at the face at unit value of each: 1, then coordinates in standard deviations.
+    pore, voxel, way, throat : (f,) int
+        Pore from 0; flat index of its voxel; face of that voxel, 2 * axis + (1 for the upper one); throat.
+    slopes : (f, 3) float32
+        Pressure at the face at unit value of each of the throat's slopes: coordinates in standard deviations.
     """
 
     pore: np.ndarray
     voxel: np.ndarray
     way: np.ndarray
-    unknowns: np.ndarray
-    modes: np.ndarray
+    throat: np.ndarray
+    slopes: np.ndarray
 
 
-def solve(parts: Partition, found: Interfaces) -> dict[str, Rates]:
+class Throats(NamedTuple):
+    """What the pressures on m throats and two faces of the volume are made of.
+
+    Attributes
+    ----------
+    first : (m + 3,) int
+        First unknown of each, its mean pressure, before those of its slopes; then their number.
+    centre : (m, 3) float
+        Middle of a throat's faces (z, y, x).
+    """
+
+    first: np.ndarray
+    centre: np.ndarray
+
+
+def solve(labels: np.ndarray, found: Interfaces) -> dict[str, Rates]:
     """Conductances of a volume between opposite faces, its other sides sealed.
 
     Parameters
     ----------
-    parts : Partition
+    labels : (nz, ny, nx) ndarray of int32
+        Pore of each voxel from 1, 0 in the solid; see :func:`grainfall.network.partition`.
     found : Interfaces
 
     Returns
@@ -98,394 +108,189 @@ def solve(parts: Partition, found: Interfaces) -> dict[str, Rates]:
     dict
         :class:`Rates` along x, y and z.
     """
-    throats, unknowns = throat_ports(parts, found)
-    pores = Pores(parts)
-    everywhere = np.arange(pores.count)
-    sealed = pores.answers(throats, everywhere)
+    throats, ports = throat_ports(labels, found)
+    pores = Pores(labels, throats)
+    sealed = pores.answers(ports, np.arange(pores.count))
     rates = {}
     for axis in AXES:
-        faces = face_ports(parts, image_axis(axis), unknowns)
+        faces = face_ports(labels, image_axis(axis), len(throats.centre))
         at_faces = np.unique(faces.pore)
-        both = Ports(*(np.concatenate(pair) for pair in zip(throats, faces, strict=True)))
-        inner = np.setdiff1d(everywhere, at_faces)
-        answers = {b: sealed[b] for b in inner if b in sealed} | pores.answers(_by_pore(both), at_faces)
-        hydraulic, imbalance = _between(answers, 0, unknowns)
-        electrical, other = _between(answers, 1, unknowns)
+        mine = np.isin(ports.pore, at_faces)
+        both = _by_pore(*(np.concatenate([p[mine], f]) for p, f in zip(ports, faces, strict=True)))
+        inner = ~np.isin(sealed.pore, at_faces)
+        answers = [Answers(*(values[inner] for values in sealed)), pores.answers(both, at_faces)]
+        hydraulic, imbalance = _between(answers, "hydraulic", throats, labels.shape)
+        electrical, other = _between(answers, "electrical", throats, labels.shape)
         rates[axis] = Rates(hydraulic, electrical, max(imbalance, other))
     return rates
 
 
-def throat_ports(parts: Partition, found: Interfaces) -> tuple[Ports, int]:
-    """Both sides of every throat's faces, and the number of unknowns."""
+def throat_ports(labels: np.ndarray, found: Interfaces) -> tuple[Throats, Ports]:
+    """Throats, and both sides of all their faces."""
     real = found.conns[found.throats, 0] != found.conns[found.throats, 1]  # a ring is not cut
-    voxel, axis, throat = found.voxels[real], found.axes[real].astype(np.int64), found.throats[real]
-    shape = parts.labels.shape
-    flat = parts.labels.reshape(-1)
-    beyond = voxel + np.array([shape[1] * shape[2], shape[2], 1])[axis]
-    place = np.stack(np.unravel_index(voxel, shape), axis=1).astype(float)
-    place[np.arange(len(axis)), axis] += 0.5
-    modes = np.zeros((len(voxel), 4))
-    modes[:, 0] = 1
-    count = np.zeros(len(found.conns), np.int64)
-    starts = np.searchsorted(throat, np.arange(len(found.conns) + 1))  # faces come throat by throat
+    voxel, axis, throat = found.voxels[real], found.axes[real], found.throats[real]
+    m = len(found.conns)
+    slopes, centre = np.zeros((len(voxel), 3), np.float32), np.zeros((m, 3))
+    count = np.zeros(m + 2, np.int64)
+    count[m:] = 1
+    starts = np.searchsorted(throat, np.arange(m + 1))  # faces come throat by throat
     for t in np.flatnonzero(np.diff(starts)):
         mine = slice(starts[t], starts[t + 1])
-        away = place[mine] - place[mine].mean(axis=0)
+        place = np.stack(np.unravel_index(voxel[mine], labels.shape), axis=1).astype(float)
+        place[np.arange(len(place)), axis[mine]] += 0.5
+        centre[t] = place.mean(axis=0)
+        away = place - centre[t]
         variance, directions = np.linalg.eigh(away.T @ away / len(away))
         wide = np.flatnonzero(variance > RESOLVED**2)[::-1]
         count[t] = 1 + len(wide)
-        modes[mine, 1 : count[t]] = away @ directions[:, wide] / np.sqrt(variance[wide])
+        slopes[mine, : len(wide)] = away @ directions[:, wide] / np.sqrt(variance[wide])
     first = np.concatenate([[0], np.cumsum(count)])
-    number = np.arange(4)
-    unknowns = np.where(number < count[throat, None], first[throat, None] + number, -1)
-    ports = Ports(
-        np.concatenate([flat[voxel], flat[beyond]]) - 1,
-        np.concatenate([voxel, beyond]),
+    step = np.array([labels.shape[1] * labels.shape[2], labels.shape[2], 1], voxel.dtype)
+    voxel = np.concatenate([voxel, voxel + step[axis]])
+    ports = _by_pore(
+        labels.reshape(-1)[voxel] - 1,
+        voxel,
         np.concatenate([2 * axis + 1, 2 * axis]),
-        np.tile(unknowns, (2, 1)),
-        np.tile(modes, (2, 1)),
+        np.tile(throat, 2),
+        np.tile(slopes, (2, 1)),
     )
-    return _by_pore(ports), int(first[-1])
+    return Throats(first, centre), ports
 
 
-def face_ports(parts: Partition, axis: int, unknown: int) -> Ports:
-    """Where pores open onto the two faces of the image across ``axis``, unknowns ``unknown`` and the next."""
-    index = np.arange(parts.labels.size).reshape(parts.labels.shape)
+def face_ports(labels: np.ndarray, axis: int, throat: int) -> Ports:
+    """Where pores open onto the two faces of the image across ``axis``, throats ``throat`` and the next."""
+    index = np.arange(labels.size).reshape(labels.shape)
     ends = []
     for side in (0, 1):
-        voxel = index.take(-side, axis)[parts.labels.take(-side, axis) > 0]
-        pore = parts.labels.reshape(-1)[voxel] - 1
-        way = np.full(len(voxel), 2 * axis + side)
-        unknowns = np.tile([unknown + side, -1, -1, -1], (len(voxel), 1))
-        modes = np.tile([1.0, 0.0, 0.0, 0.0], (len(voxel), 1))
-        ends.append(Ports(pore, voxel, way, unknowns, modes))
-    return Ports(*(np.concatenate(pair) for pair in zip(*ends, strict=True)))
+        voxel = index.take(-side, axis)[labels.take(-side, axis) > 0]
+        n = len(voxel)
+        way, number = np.full(n, 2 * axis + side, np.int8), np.full(n, throat + side, np.int32)
+        ends.append((labels.reshape(-1)[voxel] - 1, voxel, way, number, np.zeros((n, 3), np.float32)))
+    return _by_pore(*(np.concatenate(pair) for pair in zip(*ends, strict=True)))
 
 
-def _by_pore(ports: Ports) -> Ports:
-    order = np.argsort(ports.pore, kind="stable")
-    return Ports(*(values[order] for values in ports))
+def _by_pore(*values: np.ndarray) -> Ports:
+    order = np.argsort(values[0], kind="stable")
+    return Ports(*(v[order] for v in values))
 
 
-Answer: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Unknowns (k,) of a pore, hydraulic and electrical conductances (k, k) between them."""
+class Answers(NamedTuple):
+    """What pores answer to the pressures on their interfaces, entry by entry of their matrices.
+
+    Attributes
+    ----------
+    pore : (e,) int32
+        From 0.
+    row, column : (e,) int32
+        Unknowns.
+    hydraulic, electrical : (e,) float
+        Conductances between them.
+    """
+
+    pore: np.ndarray
+    row: np.ndarray
+    column: np.ndarray
+    hydraulic: np.ndarray
+    electrical: np.ndarray
 
 
 class Pores:
     """The voxels of every pore and the mobilities of their faces."""
 
-    def __init__(self, parts: Partition):
-        self.labels = parts.labels
-        self.count = len(parts.peaks)
-        flat = parts.labels.reshape(-1)
-        voxels = np.flatnonzero(flat)
-        self.voxels = voxels[np.argsort(flat[voxels], kind="stable")]
-        self.starts = np.searchsorted(flat[self.voxels], np.arange(1, self.count + 2))
-        self.mobility = mobility(parts.labels > 0)
-        self.place = np.empty(flat.size, np.int32)
+    def __init__(self, labels: np.ndarray, throats: Throats):
+        self.labels, self.throats = labels, throats
+        self.mobility = mobility(labels > 0)
+        pore = labels.reshape(-1)[self.mobility.voxels]
+        self.count = int(pore.max(initial=0))
+        self.order = np.argsort(pore, kind="stable").astype(self.mobility.voxels.dtype)
+        self.starts = np.concatenate([[0], np.cumsum(np.bincount(pore, minlength=self.count + 1)[1:])])
 
-    def answers(
-        self, ports: Ports, which: np.ndarray
-    ) -> dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    def answers(self, ports: Ports, which: np.ndarray) -> Answers:
         """Conductances of each of the pores ``which`` that has two unknowns; others let nothing through."""
-        found = {}
-        starts = np.searchsorted(ports.pore, np.arange(self.count + 1))
-        for b in which:
-            mine = slice(starts[b], starts[b + 1])
-            unknowns = np.unique(ports.unknowns[mine])
-            unknowns = unknowns[unknowns >= 0]
-            if len(unknowns) < 2:
+        mobility = self.mobility
+        at_ports = _at_ports(self.labels.shape, mobility.voxels, mobility.lower, *mobility.upper, *ports[1:3])
+        found = []
+        for b, *ends in zip(which, *np.searchsorted(ports.pore, [which, which + 1]), strict=True):
+            mine = slice(*ends)
+            throats = np.unique(ports.throat[mine])
+            unknowns = [np.arange(*self.throats.first[t : t + 2], dtype=np.int32) for t in throats]
+            if sum(map(len, unknowns)) < 2:
                 continue
-            local = np.where(ports.unknowns[mine] < 0, -1, np.searchsorted(unknowns, ports.unknowns[mine]))
-            means = np.unique(local[:, 0])
-            voxels = self.voxels[self.starts[b] : self.starts[b + 1]]
-            sides = ports.voxel[mine], ports.way[mine]
-            near, mobile = _stencil(self.labels, b + 1, voxels, *sides, self.place, self.mobility)
-            pressed = local, ports.modes[mine]
-            conducting = np.where(near == WALL, 0.0, np.where(near < WALL, 2.0, 1.0))
-            voltage = _potentials(near, conducting, *pressed, means, len(unknowns))
-            electrical, _ = _powers(near, conducting, *pressed, voltage)
-            pressure = _potentials(near, mobile, *pressed, means, len(unknowns))
-            darcy, velocity = _powers(near, mobile, *pressed, pressure)
-            dissipated = _dissipated(voxels, near, velocity, self.mobility)
-            found[int(b)] = unknowns, _corrected(darcy, dissipated, means), electrical
-        return found
-
-
-def mobility(pore: np.ndarray) -> np.ndarray:
-    """Velocity (3, nz + 1, ny + 1, nx + 1) on the faces under a uniform unit force along each face's normal.
-
-    Component c, at a voxel's index, is that of the voxel's lower face along axis c; 0 on closed faces. Walls
-    hold it back, and the volume's sides across which it is; those along which it is let it pass.
-    """
-    dense = np.zeros((3, *np.add(pore.shape, 1)), np.float32)
-    for component in range(3):
-        face, volume, matrix = friction(pore, component)
-        dense[tuple(face.T)] = solve_symmetric(matrix, volume, Multigrid(matrix, face), CLOSE)
-    return dense
-
-
-def _corrected(darcy: np.ndarray, dissipated: np.ndarray, means: np.ndarray) -> np.ndarray:
-    """G D^+ G: conductance by what the velocities dissipate. Equal pressures, of which nothing comes, are
-    taken out by grounding an interface and put back by the sum of rates."""
-    k = len(darcy)
-    kept = np.arange(k) != means[-1]
-    g, d = darcy[np.ix_(kept, kept)], dissipated[np.ix_(kept, kept)]
-    grounded = np.eye(k)[kept]
-    grounded[np.isin(np.flatnonzero(kept), means), means[-1]] = -1
-    return grounded.T @ (g @ np.linalg.solve(d, g)) @ grounded
-
-
-def _between(answers: dict, kind: int, inlet: int) -> tuple[float, float]:
-    """Conductance between unknowns ``inlet`` and the next, and the relative imbalance of the rates there."""
-    rows, columns, values = [], [], []
-    for unknowns, *conductance in answers.values():
-        rows.append(np.repeat(unknowns, len(unknowns)))
-        columns.append(np.tile(unknowns, len(unknowns)))
-        values.append(conductance[kind].ravel())
-    if not rows:
-        return 0.0, 0.0
-    place = np.concatenate(rows), np.concatenate(columns)
-    matrix = csr_array(coo_array((np.concatenate(values), place), shape=(inlet + 2, inlet + 2)))
-    _, cluster = connected_components(matrix, directed=False)
-    if cluster[inlet] != cluster[inlet + 1]:
-        return 0.0, 0.0
-    free = np.flatnonzero(cluster == cluster[inlet])
-    free = free[free < inlet]
-    pressure = np.zeros(inlet + 2)
-    pressure[inlet] = 1.0
-    if len(free):
-        inverse = splu(matrix[free][:, free].tocsc())
-        for _ in range(2):  # the second refines the first
-            pressure[free] -= inverse.solve((matrix @ pressure)[free])
-    rate = matrix @ pressure
-    power = dot(pressure, rate)
-    return power, abs(rate[inlet] + rate[inlet + 1]) / power
-
-
-WALL = -1
-"""Beyond a closed face; numbers below are faces of interfaces, -2 - f."""
+            own = self.order[self.starts[b] : self.starts[b + 1]]
+            matrices = conductances(
+                self.labels,
+                mobility.voxels[own],
+                mobility.lower[own],
+                tuple(values[mine] for values in ports[1:]),
+                at_ports[mine],
+                throats,
+                np.array([len(u) for u in unknowns]),
+            )
+            unknowns = np.concatenate(unknowns)
+            k = len(unknowns)
+            whose = np.full(k * k, b, np.int32), np.repeat(unknowns, k), np.tile(unknowns, k)
+            found.append((*whose, *(m.ravel() for m in matrices)))
+        if not found:
+            return Answers(*(np.zeros(0, kind) for kind in (np.int32, np.int32, np.int32, float, float)))
+        return Answers(*map(np.concatenate, zip(*found, strict=True)))
 
 
 @njit(cache=True)
-def _stencil(labels, pore, voxels, port_voxel, port_way, place, mobility):
-    """What lies beyond the six faces of each of the pore's voxels, and conductances of the faces: halfway to
-    the next voxel's centre at interfaces."""
-    flat = labels.reshape(-1)
-    _, ny, nx = labels.shape
-    steps = (ny * nx, nx, 1)
-    n = len(voxels)
-    near = np.full((n, 6), WALL, np.int32)
-    weight = np.zeros((n, 6))
-    for i in range(n):
-        place[voxels[i]] = i
-    for i in range(n):
-        v = voxels[i]
+def _at_ports(shape, voxels, lower, upper0, upper1, upper2, voxel, way):
+    """Mobilities of the ports."""
+    nz, ny, nx = shape
+    found = np.empty(len(voxel), np.float32)
+    for f in range(len(voxel)):
+        v, c = np.int64(voxel[f]), way[f] // 2
         z = v // (ny * nx)
         y = v // nx - z * ny
         x = v - (z * ny + y) * nx
-        at = (z, y, x)
-        for c in range(3):
-            if at[c] + 1 < labels.shape[c] and flat[v + steps[c]] == pore:
-                j = place[v + steps[c]]
-                w = mobility[c, z + (c == 0), y + (c == 1), x + (c == 2)]
-                near[i, 2 * c + 1], near[j, 2 * c] = j, i
-                weight[i, 2 * c + 1] = weight[j, 2 * c] = w
-    for f in range(len(port_voxel)):
-        v = port_voxel[f]
-        z = v // (ny * nx)
-        y = v // nx - z * ny
-        x = v - (z * ny + y) * nx
-        c, s = port_way[f] // 2, port_way[f] % 2
-        near[place[v], port_way[f]] = -2 - f
-        w = mobility[c, z + s * (c == 0), y + s * (c == 1), x + s * (c == 2)]
-        weight[place[v], port_way[f]] = 2 * w
-    return near, weight
-
-
-@njit(cache=True)
-def _potentials(near, weight, unknowns, modes, means, k):
-    """Potentials (n, k) at unit value of each unknown."""
-    n = len(near)
-    # voxel n, of no weight, stands for walls and interfaces
-    link = np.where(near < 0, n, near)
-    bond = np.where(near < 0, 0, weight).astype(np.float32)
-    diagonal = weight.sum(axis=1).astype(np.float32)
-    # incomplete factors (D + L) D^-1 (D + L^T) that keep the diagonal
-    pivot = np.ones(n + 1, np.float32)
-    for i in range(n):
-        pivot[i] = diagonal[i]
-        for s in range(0, 6, 2):
-            pivot[i] -= bond[i, s] ** 2 / pivot[link[i, s]]
-    found = np.empty((n, k))
-    for first in range(0, k, AT_ONCE):
-        source = np.zeros((n + 1, AT_ONCE), np.float32)
-        for i in range(n):
-            for s in range(6):
-                if near[i, s] < WALL:
-                    f = -2 - near[i, s]
-                    for m in range(4):
-                        if first <= unknowns[f, m] < first + AT_ONCE:
-                            source[i, unknowns[f, m] - first] += weight[i, s] * modes[f, m]
-        last = min(first + AT_ONCE, k)
-        found[:, first:last] = _gradients(link, bond, diagonal, pivot, source)[:n, : last - first]
-    # equal pressures everywhere are no approximate matter: then what flows in flows out
-    found[:, means[-1]] = 1
-    for mean in means[:-1]:
-        found[:, means[-1]] -= found[:, mean]
+        if way[f] % 2:
+            v += ny * nx if c == 0 else nx if c == 1 else 1
+            z, y, x = z + (c == 0), y + (c == 1), x + (c == 2)
+        if z == nz:
+            found[f] = upper0[y, x]
+        elif y == ny:
+            found[f] = upper1[z, x]
+        elif x == nx:
+            found[f] = upper2[z, y]
+        else:
+            found[f] = lower[np.searchsorted(voxels, v), c]
     return found
 
 
-@njit(cache=True)
-def _gradients(link, bond, diagonal, pivot, source):
-    """Preconditioned conjugate gradients for sources (n + 1, lanes), in Eisenstat's form (1981): to
-    solve with the two factors is all that an iteration does. ``source`` is overwritten."""
-    n, lanes = len(link), source.shape[1]
-    x, direction = np.zeros_like(source), np.zeros_like(source)
-    ahead, behind = np.zeros_like(source), np.zeros_like(source)
-    rho, power = np.zeros(lanes, np.float32), np.empty(lanes, np.float32)
-    slope, step = np.empty(lanes, np.float32), np.empty(lanes, np.float32)
-    residual = source
-    for i in range(n):
-        a, b, c = link[i, 0], link[i, 2], link[i, 4]
-        u, v, w = bond[i, 0], bond[i, 2], bond[i, 4]
-        d = 1 / pivot[i]
-        for m in range(lanes):
-            residual[i, m] = d * (
-                residual[i, m] + u * residual[a, m] + v * residual[b, m] + w * residual[c, m]
-            )
-        for m in range(lanes):
-            direction[i, m] = pivot[i] * residual[i, m]
-            rho[m] += direction[i, m] * residual[i, m]
-    target = np.float32(CLOSE_LOCALLY**2) * rho
-    for _ in range(MOST_STEPS):
-        if (rho <= target).all():
-            break
-        for i in range(n - 1, -1, -1):
-            a, b, c = link[i, 1], link[i, 3], link[i, 5]
-            u, v, w = bond[i, 1], bond[i, 3], bond[i, 5]
-            d = 1 / pivot[i]
-            for m in range(lanes):
-                ahead[i, m] = d * (direction[i, m] + u * ahead[a, m] + v * ahead[b, m] + w * ahead[c, m])
-        power[:] = 0
-        for i in range(n):
-            a, b, c = link[i, 0], link[i, 2], link[i, 4]
-            u, v, w = bond[i, 0], bond[i, 2], bond[i, 4]
-            rest = 2 * pivot[i] - diagonal[i]
-            d = 1 / pivot[i]
-            for m in range(lanes):
-                behind[i, m] = d * (
-                    direction[i, m]
-                    - rest * ahead[i, m]
-                    + u * behind[a, m]
-                    + v * behind[b, m]
-                    + w * behind[c, m]
-                )
-            for m in range(lanes):
-                power[m] += direction[i, m] * (ahead[i, m] + behind[i, m])
-        for m in range(lanes):
-            step[m] = rho[m] / power[m] if power[m] > 0 else 0.0
-            slope[m] = 1 / rho[m] if rho[m] > 0 else 0.0
-        rho[:] = 0
-        for i in range(n):
-            d = pivot[i]
-            for m in range(lanes):
-                x[i, m] += step[m] * ahead[i, m]
-                residual[i, m] -= step[m] * (ahead[i, m] + behind[i, m])
-            for m in range(lanes):
-                rho[m] += d * residual[i, m] * residual[i, m]
-        slope *= rho
-        for i in range(n):
-            d = pivot[i]
-            for m in range(lanes):
-                direction[i, m] = d * residual[i, m] + slope[m] * direction[i, m]
-    return x
+def _between(
+    answers: list[Answers], kind: str, throats: Throats, shape: tuple[int, int, int]
+) -> tuple[float, float]:
+    """Conductance between the last two unknowns, and the relative imbalance of the rates there."""
+    n = throats.first[-1]
+    row, column, value = (np.concatenate([getattr(a, of) for a in answers]) for of in ("row", "column", kind))
+    matrix = csr_array(coo_array((value, (row, column)), shape=(n, n)))
+    del row, column, value
+    _, cluster = connected_components(matrix, directed=False)
+    if cluster[n - 2] != cluster[n - 1]:
+        return 0.0, 0.0
+    free = np.flatnonzero(cluster[:-2] == cluster[n - 1])
+    pressure = np.zeros(n)
+    pressure[n - 2] = 1.0
+    if len(free):
+        solve_for = _inverse(matrix[free][:, free], throats, free, shape)
+        for _ in range(2):  # the second refines the first
+            pressure[free] -= solve_for((matrix @ pressure)[free])
+    rate = matrix @ pressure
+    power = dot(pressure, rate)
+    return power, abs(rate[n - 2] + rate[n - 1]) / power
 
 
-@njit(cache=True)
-def _powers(near, weight, unknowns, modes, potential):
-    """Powers (k, k) of the potentials and their velocities (n, 6, k) along the axes."""
-    n, k = potential.shape
-    total = np.zeros((k, k))
-    velocity = np.zeros((n, 6, k))
-    rows = np.empty((ROWS, k))
-    top = 0
-    for i in range(n):
-        if top + 6 > ROWS:
-            total += rows[:top].T @ rows[:top]
-            top = 0
-        for s in range(6):
-            j = near[i, s]
-            if j == WALL or (j >= 0 and s % 2 == 0):
-                continue
-            root = np.sqrt(weight[i, s])
-            for m in range(k):
-                rows[top, m] = root * (potential[i, m] - (potential[j, m] if j >= 0 else 0.0))
-            if j < WALL:
-                f = -2 - j
-                for m in range(4):
-                    if unknowns[f, m] >= 0:
-                        rows[top, unknowns[f, m]] -= root * modes[f, m]
-            sign = 1.0 if s % 2 else -1.0
-            for m in range(k):
-                velocity[i, s, m] = sign * root * rows[top, m]
-                if j >= 0:
-                    velocity[j, s - 1, m] = velocity[i, s, m]
-            top += 1
-    total += rows[:top].T @ rows[:top]
-    return total, velocity
-
-
-@njit(cache=True)
-def _dissipated(voxels, near, velocity, mobility):
-    """What the velocities dissipate within a pore (k, k): their differences squared, voxel by voxel.
-
-    A face at an edge of the voxel has half of the friction with its neighbour across that edge, or with the
-    wall there, half a voxel off. Across interfaces nothing: the velocity is taken to go on as it is.
-    """
-    n, _, k = velocity.shape
-    total = np.zeros((k, k))
-    rows = np.empty((ROWS, k))
-    half = np.sqrt(0.5)
-    top = 0
-    for i in range(n):
-        if top + 27 > ROWS:
-            total += rows[:top].T @ rows[:top]
-            top = 0
-        for c in range(3):
-            for m in range(k):
-                rows[top, m] = velocity[i, 2 * c + 1, m] - velocity[i, 2 * c, m]
-            top += 1
-        for s in range(6):
-            j = near[i, s]
-            for f in range(6):
-                if f // 2 == s // 2 or near[i, f] == WALL:
-                    continue
-                if j >= 0 and near[j, f] != WALL:
-                    if s % 2:
-                        for m in range(k):
-                            rows[top, m] = half * (velocity[i, f, m] - velocity[j, f, m])
-                        top += 1
-                elif j >= WALL or _closed_beyond(voxels[i], s, f, mobility):
-                    for m in range(k):
-                        rows[top, m] = velocity[i, f, m]
-                    top += 1
-    total += rows[:top].T @ rows[:top]
-    return total
-
-
-@njit(cache=True)
-def _closed_beyond(v, s, f, mobility):
-    """Whether face f of the voxel beyond face s is closed, be it beyond the volume."""
-    _, nz, ny, nx = mobility.shape
-    nz, ny, nx = nz - 1, ny - 1, nx - 1
-    z = v // (ny * nx)
-    y = v // nx - z * ny
-    x = v - (z * ny + y) * nx
-    step = 2 * (s % 2) - 1
-    a, c = s // 2, f // 2
-    z, y, x = z + step * (a == 0), y + step * (a == 1), x + step * (a == 2)
-    if z < 0 or y < 0 or x < 0 or z == nz or y == ny or x == nx:
-        return True
-    t = f % 2
-    return mobility[c, z + t * (c == 0), y + t * (c == 1), x + t * (c == 2)] == 0
+def _inverse(
+    matrix: csr_array, throats: Throats, free: np.ndarray, shape: tuple[int, int, int]
+) -> Callable[[np.ndarray], np.ndarray]:
+    """Solver for a matrix between unknowns: factors, or conjugate gradients where these would fill."""
+    if len(free) < MANY:
+        symmetric = {"diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
+        return splu(matrix.tocsc(), "MMD_AT_PLUS_A", **symmetric).solve
+    throat = np.searchsorted(throats.first, free, "right") - 1
+    apart = (np.prod(shape) / len(throats.centre)) ** (1 / 3)
+    coords = np.column_stack([BLOCK * (free - throats.first[throat]), throats.centre[throat] // apart])
+    cycle = Multigrid(matrix, coords.astype(np.int64))
+    return lambda rhs: solve_symmetric(matrix, rhs, cycle, EXACT)
