@@ -7,7 +7,7 @@ SNAKEMAKE := $(BIN)/snakemake --profile workflow/profiles/local --cores $(CORES)
 # A path comes to the shell as a variable of its own, so that nothing in its name is run.
 override export IMAGE := $(value IMAGE)
 
-.PHONY: demo test lint format thin-section engines report bench-stereology bench-segmentation bench-engines bench-creep bench-packing bench-decomposition bench-network bench-permeability hard-cases faults verify clean
+.PHONY: demo test lint format docs thin-section engines report bench-costs bench-stereology bench-segmentation bench-engines bench-creep bench-packing bench-decomposition bench-network bench-permeability hard-cases faults verify clean
 
 demo: $(VENV)/.ready  ## the embedded demo, to results/summary.csv and results/report.html
 	$(SNAKEMAKE)
@@ -49,6 +49,12 @@ format: $(VENV)/.ready
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 	$(BIN)/snakefmt Snakefile workflow
+
+docs: $(VENV)/.ready  ## the documentation site, to results/docs; a warning is an error
+	$(BIN)/sphinx-build -W --keep-going -q -b html docs results/docs
+
+bench-costs: $(VENV)/.ready  ## what twins cost, the table behind the expectations of `grainfall new`
+	$(BIN)/python tests/benchmarks/costs.py
 
 bench-stereology: $(VENV)/.ready
 	$(BIN)/python tests/benchmarks/stereology.py --out results/benchmarks/stereology.csv

@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from grainfall.errors import InputError
-from grainfall.section import Section, load_section, read_reference, read_section, write_section
+from grainfall.section import Section, guess_kind, load_section, read_reference, read_section, write_section
 
 VALUES = np.array([[0, 128, 255, 255], [0, 0, 128, 255], [128, 0, 0, 0]], np.uint8)
 PHASES = {"pore": 0, "quartz": 128, "feldspar": 255}
@@ -131,6 +131,28 @@ def test_instances_keep_their_outlines_and_are_numbered_without_gaps(tmp_path):
     section = read_section(save(tmp_path / "b.npz", labels), "instances", 1, ["pore", "quartz"], pore_value=9)
     np.testing.assert_array_equal(section.instances, [[1, 2, 2, 1], [0, 0, 1, 3]])
     assert section.phases == ("pore", "quartz")
+
+
+def test_the_kind_is_judged_from_the_pixels(tmp_path):
+    """Balls on a grid: numbered, as two minerals, as solid, as a noisy photograph."""
+    y, x = np.mgrid[:96, :96]
+    numbered = (1 + 8 * (y // 12) + x // 12) * (np.hypot(y % 12 - 6, x % 12 - 6) < 5)
+    minerals = np.where(numbered > 0, 1 + numbered % 2, 0)
+    noise = np.random.default_rng(0).normal(0, 8, numbered.shape)
+    images = {
+        "instances": numbered.astype(np.uint16),
+        "phases": (100 * minerals).astype(np.uint8),
+        "binary": np.where(minerals > 0, 7, 3).astype(np.uint8),
+        "grey": np.clip(40 + 70 * minerals + noise, 0, 255).astype(np.uint8),
+    }
+    for kind, image in images.items():
+        found, reason = guess_kind(save(tmp_path / f"{kind}.png", image))
+        assert found == kind
+        assert reason
+        assert read_section(tmp_path / f"{kind}.png", found, 1.0).porosity > 0.2
+    assert guess_kind(save(tmp_path / "grey.npy", 0.5 + noise))[0] == "grey"
+    with pytest.raises(InputError, match="one value only"):
+        guess_kind(save(tmp_path / "flat.png", np.full((9, 9), 5, np.uint8)))
 
 
 def test_several_arrays_need_a_name(tmp_path):

@@ -13,6 +13,7 @@ from outputs import outputs
 
 from conftest import ROOT, TINY, planned, snakemake, write_config
 from grainfall import provenance
+from grainfall.export import FORMATS
 from grainfall.report import SUMMARY_COLUMNS
 
 pytestmark = pytest.mark.xdist_group("workflow")
@@ -263,4 +264,4 @@ def test_exports(finished):
     folder = twin(finished) / "export"
     size = json.loads((finished / "results/tiny/full/scene.json").read_text())["shape_zyx"]
     assert (folder / "twin.raw").stat().st_size == np.prod(size)
-    assert {p.suffix for p in folder.iterdir()} == {".mhd", ".raw", ".vti", ".glb", ".stl", ".vtp", ".dat"}
+    assert {p.name for p in folder.iterdir()} == {name for kind in FORMATS.values() for name in kind.files}

@@ -17,6 +17,7 @@ sys.path.insert(0, str(HOUSE / "src"))
 from grainfall import config as sheet
 from grainfall import provenance
 from grainfall.errors import InputError
+from grainfall.export import FORMATS
 from grainfall.report.texts import TEXTS
 
 import grimp

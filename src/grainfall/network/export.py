@@ -31,6 +31,17 @@ def to_openpnm(network: Network) -> object:
     return pn
 
 
+def save_openpnm(network: Network, path: str | Path) -> None:
+    """Write a network as the one CSV that ``openpnm.io.network_from_csv`` reads, in metres."""
+    import openpnm
+
+    with atomic_path(path) as part:
+        # OpenPNM appends .csv where it is not there.
+        named = part.with_name(f"{part.name}.csv")
+        openpnm.io.network_to_csv(to_openpnm(network), filename=str(named))
+        named.replace(part)
+
+
 def save(network: Network, pores_csv: str | Path, throats_csv: str | Path) -> None:
     """Write a network as two tables (``network_pores.csv``, ``network_throats.csv``).
 

@@ -1,5 +1,6 @@
 """The section: a segmented image with its phases and pixel size, read from a file or synthesised."""
 
+from grainfall.section.guess import guess_kind
 from grainfall.section.read import Section, load_section, read_reference, read_section, write_section
 from grainfall.section.resample import resample
 from grainfall.section.synthetic import Mineral, Truth, synthesise
@@ -8,6 +9,7 @@ __all__ = [
     "Mineral",
     "Section",
     "Truth",
+    "guess_kind",
     "load_section",
     "read_reference",
     "read_section",
