@@ -4,11 +4,13 @@ CORES ?= all
 VENV := .venv
 BIN := $(VENV)/bin
 SNAKEMAKE := $(BIN)/snakemake --profile workflow/profiles/local --cores $(CORES)
-IMAGE ?=
+# A path comes to the shell as a variable of its own, so that nothing in its name is run.
+override export IMAGE := $(value IMAGE)
 BEREA ?= $(wildcard ../shared/data/berea/berea_400_pore1.tif)
+export BEREA
 CASES := stereology virtual_spheres virtual_spheres_deep berea xct cv_sweep
 
-.PHONY: demo test lint format cases validation thin-section engines report bench-stereology bench-segmentation bench-engines bench-creep bench-packing bench-decomposition bench-network bench-permeability hard-cases clean
+.PHONY: demo test lint format docs cases validation thin-section engines report bench-costs bench-stereology bench-segmentation bench-engines bench-creep bench-packing bench-decomposition bench-network bench-permeability hard-cases faults verify clean
 
 demo: $(VENV)/.ready  ## the embedded demo, to results/summary.csv and results/report.html
 	$(SNAKEMAKE)
@@ -32,7 +34,7 @@ case-%: $(VENV)/.ready  ## one case: make case-stereology; fewer twins: make cas
 	$(SNAKEMAKE) --keep-going --configfile config/cases/$*.yaml \
 		$(if $(REALIZATIONS)$(and $(filter berea,$*),$(BEREA)),--config) \
 		$(if $(REALIZATIONS),realizations=$(REALIZATIONS)) \
-		$(if $(and $(filter berea,$*),$(BEREA)),'data={"berea": {"source": "$(BEREA)"}}') \
+		$(if $(and $(filter berea,$*),$(BEREA)),"data={\"berea\": {\"source\": \"$$BEREA\"}}") \
 		-- case; status=$$?; $(VALIDATION) && exit $$status
 
 VALIDATION = $(SNAKEMAKE) --configfile config/cases/stereology.yaml -- validation
@@ -41,9 +43,12 @@ validation: $(VENV)/.ready  ## table and page of whatever of the cases is finish
 	$(VALIDATION)
 
 thin-section: $(VENV)/.ready  ## a real section: make thin-section IMAGE=path/to/miocene_20_2_instances.npz
-	@test -n "$(IMAGE)" || { echo "say which image: make thin-section IMAGE=path/to/instances.npz"; exit 1; }
+	@test -n "$$IMAGE" || { echo "say which image: make thin-section IMAGE=path/to/instances.npz"; exit 1; }
 	$(SNAKEMAKE) --configfile config/cases/thin_section.yaml \
-		--config 'samples={thin_section: {image: "$(IMAGE)"}}'
+		--config "samples={thin_section: {image: '$$IMAGE'}}"
+
+verify: $(VENV)/.ready  ## is everything behind the results still as it was? Says what changed; status 1 if anything did
+	$(BIN)/python -m grainfall.provenance
 
 engines: $(VENV)/.ready  ## PhysX and Bullet side by side, five paired realizations
 	$(SNAKEMAKE) --configfile config/cases/engines.yaml
@@ -63,6 +68,12 @@ format: $(VENV)/.ready
 	$(BIN)/ruff format .
 	$(BIN)/snakefmt Snakefile workflow
 
+docs: $(VENV)/.ready  ## the documentation site, to results/docs; a warning is an error
+	$(BIN)/sphinx-build -W --keep-going -q -b html docs results/docs
+
+bench-costs: $(VENV)/.ready  ## what twins cost, the table behind the expectations of `grainfall new`
+	$(BIN)/python tests/benchmarks/costs.py
+
 bench-stereology: $(VENV)/.ready
 	$(BIN)/python tests/benchmarks/stereology.py --out results/benchmarks/stereology.csv
 
@@ -80,7 +91,7 @@ bench-packing: $(VENV)/.ready  ## hours; goes on where it was stopped
 	$(BIN)/python tests/benchmarks/packing_speed.py --out results/benchmarks/packing_speed.csv
 
 bench-decomposition: $(VENV)/.ready  ## a section's grains too: make bench-decomposition IMAGE=path/to/instances.npz
-	$(BIN)/python tests/benchmarks/decomposition.py $(if $(IMAGE),--section "$(IMAGE)") \
+	$(BIN)/python tests/benchmarks/decomposition.py $${IMAGE:+--section "$$IMAGE"} \
 		--out results/benchmarks/decomposition.csv
 
 bench-network: $(VENV)/.ready  ## time, memory and topology of network extraction
@@ -91,6 +102,10 @@ bench-permeability: $(VENV)/.ready
 
 hard-cases: $(VENV)/.ready  ## hard scenes in both engines against the verdicts written down before
 	$(BIN)/python tests/benchmarks/hard_cases.py --out results/benchmarks/hard_cases.csv
+
+faults: $(VENV)/.ready  ## an hour: 50 kills, 2,000 malformed inputs, full disks; goes on where it was stopped
+	$(BIN)/python tests/faults/fuzz.py --cases 2000 --command-line 50
+	$(BIN)/python tests/faults/kills.py --kills 50 --out results/benchmarks/faults.csv
 
 clean:  ## results and caches, not the environment
 	rm -rf .snakemake $(filter-out results/README.md,$(wildcard results/*))

@@ -29,6 +29,7 @@ rule all:
     input:
         "results/summary.csv",
         "results/report.html",
+        "results/provenance.json",
     localrule: True
 
 

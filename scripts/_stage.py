@@ -1,21 +1,48 @@
-"""What every script does around its work: a log, progress on the terminal, one line for a user's mistake."""
+"""What every script does around its work: a log, a record of what went in and out, one line for a mistake."""
 
+import ctypes
 import os
 import shutil
+import signal
 import sys
 
 for pool in ("OMP", "NUMBA", "OPENBLAS", "MKL"):
     os.environ.setdefault(f"{pool}_NUM_THREADS", "1")
 
+import threading
 import time
 import traceback
-from contextlib import contextmanager
+import zlib
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 # Scripts find the science of their own checkout, installed or not.
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "src"))
 
+from grainfall import provenance
 from grainfall.errors import InputError
+
+
+def die_with_snakemake():
+    """A job whose Snakemake was killed ends too: it must not write into the results of the next run."""
+    me, master = os.getpid(), int(os.environ.get("GRAINFALL_SNAKEMAKE", os.getppid()))
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG: at once, where it is the parent
+
+    def watch():
+        while True:
+            try:
+                os.kill(master, 0)
+            except ProcessLookupError:
+                os.kill(me, signal.SIGKILL)
+            except PermissionError:
+                pass
+            time.sleep(0.5)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+die_with_snakemake()
 
 
 class Progress:
@@ -35,10 +62,14 @@ class Progress:
 
 
 @contextmanager
-def checkpoints(output):
-    """Folder beside an output for what a killed job leaves to its next run; gone when the block ends well."""
-    folder = Path(output).with_name(".checkpoints")
-    yield folder
+def checkpoints(snakemake):
+    """Folder for what a killed job leaves to its next run; gone when the block ends well.
+
+    Its name holds the science and the versions: what other code began is not carried on.
+    """
+    folder = Path(snakemake.output.bodies).with_name(".checkpoints")
+    versions = zlib.crc32(repr(sorted(provenance.versions().items())).encode())
+    yield folder / f"{snakemake.params.science}-{versions:08x}"
     shutil.rmtree(folder, ignore_errors=True)
 
 
@@ -46,12 +77,14 @@ def checkpoints(output):
 def stage(snakemake):
     """Run a script's work with its output in the rule's log.
 
-    A user's mistake ends in one line; anything else too, with the trace in the log.
+    A user's mistake ends in one line; anything else too, with the trace in the log. What the job reads is
+    held against the records of the jobs that wrote it; its own record is written when all went well.
     """
     where = "/".join(str(v) for v in dict(snakemake.wildcards).values())
     terminal = os.fdopen(os.dup(2), "w")
     log = Path(str(snakemake.log[0]))
     log.parent.mkdir(parents=True, exist_ok=True)
+    record = log.with_suffix(".json")
     with log.open("w") as sink:
         # Engines print from C: redirect the descriptors, not only Python's streams.
         sys.stdout.flush()
@@ -60,15 +93,24 @@ def stage(snakemake):
         os.dup2(sink.fileno(), 2)
         progress = Progress(f"{snakemake.rule} {where}".strip(), terminal)
         try:
+            for path in snakemake.input:
+                provenance.check_file(path)
             yield progress
+            written = [path for path in snakemake.output if Path(path) != record]
+            provenance.write_record(
+                record, snakemake.rule, snakemake.input, written, dict(snakemake.params.items())
+            )
         except InputError as fault:
             print(fault, flush=True)
             print(f"grainfall: {fault}", file=terminal, flush=True)
             sys.exit(1)
         except Exception as fault:
-            traceback.print_exc()
-            progress.say(f"{type(fault).__name__}: {fault} (trace in {log})")
+            with suppress(OSError):  # the log may be on the disk that is full
+                traceback.print_exc()
+            what = " ".join(f"{type(fault).__name__}: {fault}".split())
+            progress.say(f"{what} (trace in {log})")
             sys.exit(1)
         finally:
-            sys.stdout.flush()
-            sys.stderr.flush()
+            with suppress(OSError):
+                sys.stdout.flush()
+                sys.stderr.flush()

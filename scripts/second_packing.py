@@ -4,7 +4,7 @@ from _stage import checkpoints, stage
 
 from grainfall import grains, io, packing, random, stereology, volume
 
-with stage(snakemake) as progress, checkpoints(snakemake.output.bodies) as folder:
+with stage(snakemake) as progress, checkpoints(snakemake) as folder:
     files, settings = snakemake.input, snakemake.params.settings
     scene = io.read_json(files.scene)
     sizes = stereology.from_table(io.read_table(files.sizes))

@@ -3,27 +3,38 @@
 from __future__ import annotations
 
 import copy
+import csv
 import difflib
 import math
 import re
 from pathlib import Path
 
-import pandas as pd
 import yaml
 from jsonschema import Draft202012Validator
 
 from grainfall.errors import InputError
 
 VARIANT_KEYS = ("scene", "packing", "effects", "feedback", "network", "flow")
-RESERVED = ("benchmarks", "accuracy", "data", "validation", "cv_sweep")
-"""Names under results/ that no sample may take."""
+RESERVED = (
+    "accuracy", "benchmarks", "cv_sweep", "data", "figures", "grains3d", "logs", "tomogram", "validation",
+)  # fmt: skip
+"""Folders of results that no sample and no variant may be named after."""
+
+MAX_NODES = 20_000
+"""Most values in a config; aliases of aliases make billions of a few lines."""
+
+MAX_TEXT = 10_000_000
+"""Longest config or sample sheet read, bytes."""
 
 
-NAME_RULE = "letters, digits, - and _"
+NAME_RULE = "at most 64 letters, digits, - and _"
 
 
-def _is_name(text: str) -> bool:
-    return re.fullmatch(r"[A-Za-z0-9_-]{1,64}", text) is not None
+def _check_name(name: object, where: str, what: str) -> None:
+    """A name becomes a folder: nothing that could leave it, hide in it or be taken for an option."""
+    if not re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,63}", str(name)) or str(name).lower() in RESERVED:
+        right = f"{NAME_RULE}, none of: {', '.join(RESERVED)}"
+        raise InputError(where, f"{what} '{name}' is no name", right)
 
 
 def load_yaml(path: str | Path) -> dict:
@@ -34,15 +45,73 @@ def load_yaml(path: str | Path) -> dict:
     InputError
         When the file is missing, is not YAML or is not a mapping.
     """
+    text = _read_text(path, "a YAML file")
     try:
-        content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except OSError as fault:
-        raise InputError(path, fault.strerror or "cannot be read", "give a readable YAML file") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as fault:
-        raise InputError(path, f"is not YAML ({fault})", "see config/README.md") from None
+        content = yaml.load(text, _Loader)
+    except InputError as fault:
+        raise InputError(f"{path}: {fault.where}", fault.wrong, fault.right) from None
+    except (yaml.YAMLError, ValueError, RecursionError) as fault:
+        raise InputError(path, f"is not YAML ({fault})"[:300], "see config/README.md") from None
     if not isinstance(content, dict):
         raise InputError(path, "is not a mapping", "key: value lines, see config/README.md")
+    if "__use_yte__" in content:
+        raise InputError(path, "is a template, which would be run as code", "leave out __use_yte__")
+    _check_plain(content, str(path))
     return content
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML that does not let a later key silently take the place of an earlier one."""
+
+
+def _unique_mapping(loader: _Loader, node: yaml.MappingNode) -> dict:
+    loader.flatten_mapping(node)
+    seen = set()
+    for key, _ in node.value:
+        if isinstance(key, yaml.ScalarNode):
+            if key.value in seen and key.tag != "tag:yaml.org,2002:merge":
+                line = key.start_mark.line + 1
+                raise InputError(f"line {line}", f"key '{key.value}' stands there twice", "unique keys")
+            seen.add(key.value)
+    return yaml.SafeLoader.construct_mapping(loader, node, deep=True)
+
+
+_Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _unique_mapping)
+
+
+def _read_text(path: str | Path, what: str) -> str:
+    """A text file of the user's, if it is one: not a device, not endless, UTF-8."""
+    path, right = Path(path), f"give {what}"
+    try:
+        if not path.is_file():
+            raise InputError(path, "is no file" if path.exists() else "No such file or directory", right)
+        if path.stat().st_size > MAX_TEXT:
+            raise InputError(path, f"is larger than {MAX_TEXT // 1_000_000} MB", right)
+        return path.read_text(encoding="utf-8-sig")
+    except InputError:
+        raise
+    except OSError as fault:
+        raise InputError(path, fault.strerror or "cannot be read", right) from None
+    except UnicodeDecodeError as fault:
+        raise InputError(path, f"is not UTF-8 text ({fault.reason})", right) from None
+    except ValueError:
+        raise InputError(repr(str(path)), "is no path", right) from None
+
+
+def _check_plain(content: object, where: str) -> None:
+    """Refuse what would never end: aliases of aliases (each use counts), mappings that hold themselves."""
+    left = [(content, 0)]
+    for _ in range(MAX_NODES):
+        if not left:
+            return
+        value, depth = left.pop()
+        if depth > 50 or len(left) > MAX_NODES:
+            break
+        if isinstance(value, dict):
+            left.extend((item, depth + 1) for item in value.values())
+        elif isinstance(value, list | tuple):
+            left.extend((item, depth + 1) for item in value)
+    raise InputError(where, f"more than {MAX_NODES} values, or nested too deeply", "a plain config")
 
 
 def merge(base: dict, over: dict | None) -> dict:
@@ -147,6 +216,7 @@ def resolve(config: dict, schema: dict, presets: dict, where: str = "config") ->
     InputError
         On the first fault, variants' overrides included.
     """
+    _check_plain(config, where)
     config = _switched(config)
     if isinstance(config.get("variants"), dict):
         over = {k: _switched(v) if isinstance(v, dict) else v for k, v in config["variants"].items()}
@@ -156,8 +226,7 @@ def resolve(config: dict, schema: dict, presets: dict, where: str = "config") ->
     whole = fill(merge(presets.get(preset) or {}, config), schema)
     check(whole, schema, where)
     for name, over in whole["variants"].items():
-        if not _is_name(str(name)):
-            raise InputError(f"{where}: variants", f"'{name}' is no name", NAME_RULE)
+        _check_name(name, f"{where}: variants", "variant")
         for key in over or {}:
             if key in schema["properties"] and key not in VARIANT_KEYS:
                 raise InputError(
@@ -221,14 +290,21 @@ def read_samples(samples: str | dict, schema: dict) -> dict[str, dict]:
         On the first fault of the sheet.
     """
     if isinstance(samples, dict):
-        where, rows = "config: samples", {str(k): dict(v or {}) for k, v in samples.items()}
+        where, rows = "config: samples", {}
+        for key, row in samples.items():
+            if str(key) in rows:
+                raise InputError(where, f"sample '{key}' stands there twice", "unique names")
+            if not isinstance(row, dict | None):
+                raise InputError(f"{where}: {key}", f"{row!r} is no sample"[:200], "give it as key: value")
+            rows[str(key)] = dict(row or {})
     else:
         where, rows = samples, _read_sheet(samples, schema)
+    folded: dict[str, str] = {}
     for name, row in rows.items():
-        if not _is_name(name) or name in RESERVED:
-            raise InputError(
-                where, f"sample '{name}' is no name", f"{NAME_RULE}, none of: {', '.join(RESERVED)}"
-            )
+        _check_name(name, where, "sample")
+        # one folder on a file system that does not tell cases apart
+        if (other := folded.setdefault(name.lower(), name)) != name:
+            raise InputError(where, f"samples '{other}' and '{name}' differ in case only", "distinct names")
         check(row, schema, f"{where}: sample {name}")
         _check_sample(row, f"{where}: sample {name}")
         rows[name] = fill(row, schema)
@@ -236,22 +312,34 @@ def read_samples(samples: str | dict, schema: dict) -> dict[str, dict]:
 
 
 def _read_sheet(path: str, schema: dict) -> dict[str, dict]:
+    text = _read_text(path, "a TSV sample sheet")
+    # Only a line that begins with # is a comment: a path may have one in it.
+    lines = [(n, line) for n, line in enumerate(text.splitlines(), start=1) if line.strip(" \t")]
+    lines = [(n, line) for n, line in lines if not line.startswith("#")]
     try:
-        sheet = pd.read_csv(path, sep="\t", dtype=str, keep_default_na=False, comment="#")
-    except OSError as fault:
-        raise InputError(path, fault.strerror or "cannot be read", "give a TSV sample sheet") from None
-    except (ValueError, UnicodeDecodeError) as fault:
+        cells = [row for (row,) in (list(csv.reader([line], delimiter="\t")) for _, line in lines)]
+    except (csv.Error, ValueError) as fault:
         raise InputError(
             path, f"is not a TSV table ({fault})", "one header line, one row a sample, tabs"
         ) from None
-    if "sample" not in sheet.columns or sheet.empty:
+    header = [cell.strip() for cell in cells[0]] if cells else []
+    if "sample" not in header or len(cells) < 2:
         raise InputError(path, "has no column 'sample' or no row", "see config/README.md")
+    if len(set(header)) < len(header):
+        raise InputError(path, "a column stands there twice", "unique columns")
     rows: dict[str, dict] = {}
-    for record in sheet.to_dict("records"):
-        name = record.pop("sample")
+    for (number, _), values in zip(lines[1:], cells[1:], strict=True):
+        if len(values) > len(header) and any(value.strip() for value in values[len(header) :]):
+            raise InputError(
+                f"{path}: line {number}",
+                f"{len(values)} cells under {len(header)} columns",
+                "a cell a column",
+            )
+        record = {key: value.strip() for key, value in zip(header, values, strict=False)}
+        name = record.pop("sample", "")
         if name in rows:
             raise InputError(path, f"sample '{name}' stands there twice", "unique names")
-        row = {str(k): v for k, v in record.items() if v != ""}
+        row = {key: value for key, value in record.items() if value != ""}
         for key, value in row.items():
             kind = schema["properties"].get(key, {}).get("type")
             if kind in ("number", "integer"):
@@ -261,10 +349,13 @@ def _read_sheet(path: str, schema: dict) -> dict[str, dict]:
 
 
 def _number(text: str, where: str, kind: str) -> float | int:
-    try:
-        value = float(text)
-    except ValueError:
-        raise InputError(where, f"'{text}' is not a number", "a plain number") from None
+    # Python alone would also take 1_000 for 1000
+    if not re.fullmatch(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", text, re.ASCII):
+        wrong = "is not finite" if re.fullmatch(r"[+-]?(nan|inf(inity)?)", text, re.I) else "is not a number"
+        raise InputError(where, f"'{text}' {wrong}"[:200], "a plain number")
+    if kind == "integer" and re.fullmatch(r"[+-]?\d{1,18}", text):
+        return int(text)
+    value = float(text)
     if not math.isfinite(value):
         raise InputError(where, f"'{text}' is not finite", "a plain number")
     return int(value) if kind == "integer" and value.is_integer() else value
@@ -283,19 +374,28 @@ def _check_sample(row: dict, where: str) -> None:
         return
     if not row.get("image"):
         raise InputError(where, "image is missing", "the path of the section")
-    if not Path(row["image"]).exists():
-        raise InputError(where, f"image {row['image']} does not exist", "a path from the working directory")
-    if row.get("grey") and not Path(row["grey"]).exists():
-        raise InputError(where, f"grey {row['grey']} does not exist", "a path, or leave it empty")
-    if row.get("reference"):
-        if not Path(row["reference"]).exists():
-            raise InputError(
-                where, f"reference {row['reference']} does not exist", "a path, or leave it empty"
-            )
-        if "reference_voxel_size_um" not in row:
-            raise InputError(
-                where, "reference_voxel_size_um is missing", "the edge of a voxel in micrometres"
-            )
+    for key in ("image", "grey", "reference"):
+        if row.get(key):
+            _check_path(row[key], key, where)
+    if row.get("reference") and "reference_voxel_size_um" not in row:
+        raise InputError(where, "reference_voxel_size_um is missing", "the edge of a voxel in micrometres")
+
+
+def _check_path(path: str, key: str, where: str) -> None:
+    """A file or a folder that is there; a pipe or a device would be waited for without end."""
+    right = "a path from the working directory"
+    try:
+        found = Path(path)
+        if not found.exists():
+            raise InputError(where, f"{key} {path} does not exist", right)
+        if not (found.is_file() or found.is_dir()):
+            raise InputError(where, f"{key} {path} is neither a file nor a folder", right)
+        if "{" in path or "}" in path:
+            raise InputError(where, f"{key} {path} has a brace, which marks a wildcard", "rename the file")
+    except InputError:
+        raise
+    except (OSError, ValueError):
+        raise InputError(where, f"{key} {path!r} is no path"[:300], right) from None
 
 
 def parse_phases(text: str | None) -> dict[str, int] | list[str] | None:

@@ -18,8 +18,16 @@ class InputError(ValueError):
 
     def __init__(self, where: object, wrong: str, right: str = ""):
         self.where, self.wrong, self.right = str(where), wrong, right
-        line = f"{where}: {wrong}" + (f"; {right}" if right else "")
-        super().__init__(" ".join(line.split()))
+        line = f"{_short(where)}: {_short(wrong)}" + (f"; {_short(right)}" if right else "")
+        # A terminal obeys control characters, and a name may have some in it.
+        line = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in " ".join(line.split()))
+        super().__init__(line)
 
     def __reduce__(self):
         return type(self), (self.where, self.wrong, self.right)
+
+
+def _short(text: object, most: int = 400) -> str:
+    """The text without its middle where it is longer than anybody reads."""
+    text = str(text)
+    return text if len(text) <= most else f"{text[: most // 2]} ... {text[-most // 2 :]}"

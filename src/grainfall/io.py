@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import math
 import os
+import shutil
 import tempfile
+import time
 import zipfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -24,19 +27,58 @@ ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)
 
 @contextmanager
 def atomic_path(path: str | Path) -> Iterator[Path]:
-    """A temporary name beside ``path``, renamed to it when the block ends well, removed when it does not."""
+    """A temporary name beside ``path``, renamed to it when the block ends well, removed when it does not.
+
+    The name depends on ``path`` only: what a killed process leaves is what the next one writes over.
+    """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
-    os.close(handle)
-    part = Path(name)
+    part = path.with_name(f".{path.name}.part")
+    part.unlink(missing_ok=True)
     try:
         yield part
-        os.chmod(part, 0o644)
+        # A full or remote disk may say so only now; and no rename before the content is safe.
+        with part.open("rb") as written:
+            os.fsync(written.fileno())
         os.replace(part, path)
     except BaseException:
         part.unlink(missing_ok=True)
         raise
+
+
+class Scratch:
+    """A temporary folder for as long as its process lives; what killed ones left is swept first."""
+
+    PREFIX = "grainfall-scratch-"
+
+    def __init__(self):
+        place = Path(tempfile.gettempdir())
+        for left in place.glob(f"{self.PREFIX}*"):
+            with suppress(OSError):
+                if time.time() - left.stat().st_mtime > 60 and (handle := _held(left)) is not None:
+                    shutil.rmtree(left, ignore_errors=True)
+                    os.close(handle)
+        self._folder = tempfile.TemporaryDirectory(prefix=self.PREFIX)
+        self.path = Path(self._folder.name)
+        # The system lets go of it when the process ends, however it ends.
+        self._handle = _held(self.path)
+
+    def close(self) -> None:
+        self._folder.cleanup()
+        if self._handle is not None:
+            os.close(self._handle)
+            self._handle = None
+
+
+def _held(folder: Path) -> int | None:
+    """A descriptor with a lock on the folder, or None where another process has it."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(handle)
+        return None
+    return handle
 
 
 def write_text(path: str | Path, text: str) -> None:
@@ -51,8 +93,15 @@ def write_json(path: str | Path, content: object) -> None:
 
 
 def read_json(path: str | Path) -> dict:
-    """Read JSON."""
-    return json.loads(Path(path).read_text(encoding="utf-8"))
+    """Read JSON.
+
+    Raises
+    ------
+    InputError
+        When the file is missing or no JSON.
+    """
+    with _reading(path, "JSON file"):
+        return json.loads(Path(path).read_text(encoding="utf-8"))
 
 
 def _plain(value: object) -> object:
@@ -77,8 +126,15 @@ def write_table(path: str | Path, table: pd.DataFrame) -> None:
 
 
 def read_table(path: str | Path) -> pd.DataFrame:
-    """Read a CSV table with its columns as they are named in results/README.md."""
-    return pd.read_csv(path, float_precision="round_trip")
+    """Read a CSV table with its columns as they are named in results/README.md.
+
+    Raises
+    ------
+    InputError
+        When the file is missing or no table.
+    """
+    with _reading(path, "table"):
+        return pd.read_csv(path, float_precision="round_trip")
 
 
 def write_arrays(path: str | Path, arrays: Mapping[str, np.ndarray]) -> None:
@@ -99,15 +155,8 @@ def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
     InputError
         When the file is missing or truncated.
     """
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            return dict(archive)
-    except FileNotFoundError:
-        raise InputError(path, "no such file", "give the path of an *.npz file") from None
-    except (zipfile.BadZipFile, KeyError, ValueError, EOFError, OSError) as fault:
-        raise InputError(
-            path, f"not a readable NPZ ({fault})", "a complete *.npz is needed; make it again"
-        ) from None
+    with _reading(path, "NPZ"), np.load(path, allow_pickle=False) as archive:
+        return dict(archive)
 
 
 def write_volume(
@@ -195,17 +244,27 @@ def read_volume(path: str | Path, name: str | None = None) -> tuple[np.ndarray, 
     InputError
         When the file is missing, truncated or holds no such array.
     """
-    try:
+    with _reading(path, "volume"):
         store = zarr.storage.ZipStore(path, mode="r")
         group = zarr.open_group(store, mode="r")
         attributes = dict(group.attrs)
         name = name or attributes["ome"]["multiscales"][0]["datasets"][0]["path"]
         array = group[name][...]
         store.close()
-    except FileNotFoundError:
-        raise InputError(path, "no such file", "give the path of a *.zarr.zip volume") from None
-    except (zipfile.BadZipFile, KeyError, ValueError, EOFError, RuntimeError) as fault:
-        raise InputError(
-            path, f"not a readable volume ({fault})", "a complete *.zarr.zip is needed; make it again"
-        ) from None
     return array, attributes
+
+
+@contextmanager
+def _reading(path: str | Path, what: str) -> Iterator[None]:
+    """One line for whatever a decoder makes of a file that is missing, truncated or damaged."""
+    try:
+        yield
+    except FileNotFoundError:
+        raise InputError(path, "no such file", f"a complete {what} is needed") from None
+    except MemoryError:
+        raise
+    except Exception as fault:
+        detail = f"{type(fault).__name__}: {fault}"[:200]
+        raise InputError(
+            path, f"not a readable {what} ({detail})", "delete it, so that it is made again"
+        ) from None

@@ -95,7 +95,7 @@ SHEET = "sample\timage\tkind\tpixel_size_um\n"
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "not a TSV table"),
+        ("", "no column 'sample'"),
         ("a\tb\n1\t2\n", "no column 'sample'"),
         (SHEET, "no row"),
         (SHEET + "a\t\tsynthetic\t\n", "pixel_size_um is missing"),

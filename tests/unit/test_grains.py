@@ -571,11 +571,32 @@ def test_export_of_one_shape(library, tmp_path):
     assert trimesh.load(tmp_path / "grain.stl").volume == pytest.approx(4 / 3 * np.pi * 25**3, rel=1e-4)
 
 
+def test_lammps_data_hold_every_body_as_the_sphere_of_its_volume(bodies, tmp_path):
+    """The columns of read_data for atom_style sphere: id type diameter density x y z, in SI units."""
+    grains.export_lammps(bodies, tmp_path / "grains.data", density_kg_m3=2600.0)
+    lines = (tmp_path / "grains.data").read_text().splitlines()
+    start = lines.index("Atoms")
+    header = [line for line in lines[1:start] if line]
+    assert header[:2] == ["8 atoms", "3 atom types"]
+    atoms = np.array([line.split() for line in lines[start + 2 :]], float)
+    np.testing.assert_array_equal(atoms[:, 0], np.arange(1, 9))
+    np.testing.assert_array_equal(atoms[:, 1], [1, 2, 1, 2, 1, 2, 1, 3])
+    volume = (4 / 3 * np.pi * (bodies["scale"] * 1e-6) ** 3).sum()
+    assert (np.pi / 6 * atoms[:, 2] ** 3 * atoms[:, 3]).sum() == pytest.approx(2600 * volume)
+    np.testing.assert_allclose(atoms[:, 4:], bodies[["x", "y", "z"]] * 1e-6, rtol=1e-9)
+    bounds = np.array([line.split()[:2] for line in header[2:]], float)
+    assert [line.split()[2:] for line in header[2:]] == [["xlo", "xhi"], ["ylo", "yhi"], ["zlo", "zhi"]]
+    assert (bounds[:, 0] <= (atoms[:, 4:] - atoms[:, [2]] / 2).min(axis=0) + 1e-13).all()
+    assert (bounds[:, 1] >= (atoms[:, 4:] + atoms[:, [2]] / 2).max(axis=0) - 1e-13).all()
+
+
 def test_export_refuses_what_it_cannot_write(bodies, library, tmp_path):
     with pytest.raises(InputError, match="glb"):
         grains.export_bodies(bodies, library, tmp_path / "a.obj")
     with pytest.raises(InputError, match="nothing"):
         grains.export_bodies(bodies.iloc[:0], library, tmp_path / "a.stl")
+    with pytest.raises(InputError, match="nothing"):
+        grains.export_lammps(bodies.iloc[:0], tmp_path / "a.data")
 
 
 # ---- a real section -----------------------------------------------------------------------------------

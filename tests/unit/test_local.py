@@ -96,6 +96,13 @@ class TestRock:
         for axis, same in zip("xyz", "zxy", strict=True):
             assert turned[axis][:2] == pytest.approx(rates[same][:2], rel=5e-3)
 
+    def test_iterated_as_factorised(self, rates, monkeypatch):
+        monkeypatch.setattr(local, "MANY", 0)
+        iterated = parted(rock())
+        for axis in flow.AXES:
+            assert iterated[axis].imbalance < 1e-9
+            assert iterated[axis][:2] == pytest.approx(rates[axis][:2], rel=1e-9)
+
     def test_an_isolated_pore_changes_nothing(self):
         pore = np.pad(rock(), ((0, 9), (0, 0), (0, 0)))
         without = parted(pore)["x"]
@@ -121,7 +128,8 @@ class TestMobility:
         assert across[:, 2] == pytest.approx(duct, rel=1e-3)
         depth = np.arange(width)
         assert (across[:, 0] <= depth * (width - depth) / 2).all()
-        assert found.upper[0].max() == 0 and (found.upper[1][2:-2] > 0).all()
+        assert found.upper[0].max() == 0
+        assert (found.upper[1][2:-2] > 0).all()
 
     def test_block_by_block_as_at_once(self):
         at_once, parts = (mobility.mobility(rock(48), 1e-5, block) for block in (48, 12))

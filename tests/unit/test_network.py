@@ -130,6 +130,16 @@ def test_openpnm_network_is_in_metres_and_keeps_the_measured_lengths(extracted):
     assert np.array_equal(pn.pores("xmin"), np.flatnonzero(extracted["pore.xmin"]))
 
 
+def test_openpnm_reads_the_csv_back(extracted, tmp_path):
+    openpnm = pytest.importorskip("openpnm")
+    network.save_openpnm(extracted, tmp_path / "network.csv")
+    assert [file.name for file in tmp_path.iterdir()] == ["network.csv"]
+    back, expected = openpnm.io.network_from_csv(tmp_path / "network.csv"), network.to_openpnm(extracted)
+    assert np.array_equal(back["throat.conns"], extracted["throat.conns"])
+    for name in extracted:
+        np.testing.assert_allclose(back[name], expected[name], rtol=1e-12)
+
+
 def test_every_throat_is_counted_at_both_ends(extracted):
     numbers = network.coordination_numbers(extracted)
     assert numbers.sum() == 2 * len(extracted["throat.conns"])

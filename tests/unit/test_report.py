@@ -1,7 +1,9 @@
 """The report on a small results tree made here: what it says, and that it holds when files are missing."""
 
 import html.parser
+import itertools
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -614,3 +616,127 @@ def test_many_minerals_stay_readable():
     assert figure.axes[figures.MOST_PANELS - 1].get_title(loc="left") == "pore circles"
     block = figures.block_figure(rng.integers(0, 41, (6, 6, 6)).astype(np.uint8), 1.0, names)
     assert block.legends[0].get_texts()[-1].get_text() == "and 31 more"
+
+
+# ---- the page in a browser
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+SOFTWARE_GL = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
+TURNED = "JSON.stringify(document.querySelector('.view').layout.scene.camera.eye)"
+
+
+@pytest.fixture(scope="module")
+def opened(page, tree):
+    """The page in headless Chromium without a network, and all that it complained of or asked for."""
+    if CHROMIUM is None:
+        pytest.skip("no Chromium on this machine")
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=CHROMIUM, args=SOFTWARE_GL)
+        tab = browser.new_context(offline=True, viewport={"width": 1280, "height": 900}).new_page()
+        complaints, requests = [], []
+        tab.on("console", lambda said: complaints.append(said.text) if said.type == "error" else None)
+        tab.on("pageerror", lambda fault: complaints.append(str(fault)))
+        tab.on("request", lambda request: requests.append(request.url))
+        tab.goto((tree / "report.html").as_uri())
+        tab.wait_for_selector(".view canvas")
+        tab.evaluate("document.querySelectorAll('details').forEach(part => { part.open = true; })")
+        yield tab, complaints, requests
+        browser.close()
+
+
+@pytest.mark.xdist_group("browser")
+def test_browser_opens_the_page_offline_without_complaint(opened, tree):
+    tab, complaints, requests = opened
+    assert tab.title() == "Twins of a demo"
+    assert complaints == []
+    address = (tree / "report.html").as_uri()
+    assert [url for url in requests if url != address and not url.startswith(("data:", "blob:"))] == []
+    assert tab.evaluate("[...document.images].every(image => image.complete && image.naturalWidth > 0)")
+
+
+@pytest.mark.xdist_group("browser")
+def test_browser_finds_no_barrier(opened):
+    """The rules of axe-core, those of WCAG 2 A and AA among them, on the whole page."""
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe is not installed")
+    found = axe.Axe().run(opened[0]).response
+    assert len(found["passes"]) > 20
+    assert [(fault["id"], [node["html"] for node in fault["nodes"]]) for fault in found["violations"]] == []
+
+
+def column(table, number):
+    """Texts of one column, top to bottom."""
+    return table.locator(f"tbody tr > :nth-child({number + 1})").all_inner_texts()
+
+
+def figure(text):
+    """A figure of the page as a number; ``None`` where there is none."""
+    plain = text.replace("\u202f", "").replace("\u2212", "-").replace("·10^", "e")
+    found = re.match(r"\s*[-+]?\d+(\.\d+)?(e[-+]?\d+)?", plain)
+    return float(found.group()) if found else None
+
+
+@pytest.mark.xdist_group("browser")
+def test_browser_sorts_every_table_by_every_column(opened):
+    tab, complaints, _ = opened
+    tables = tab.locator("table").all()
+    assert len(tables) >= 6
+    for table in tables:
+        heads = table.locator("thead th")
+        before = table.locator("tbody").inner_text()
+        for number in range(heads.count()):
+            head = heads.nth(number)
+            numeric = "n" in (head.get_attribute("class") or "").split()
+            orders = []
+            for way in ("ascending", "descending"):
+                head.get_by_role("button").click()
+                assert head.get_attribute("aria-sort") == way
+                texts = column(table, number)
+                if numeric:
+                    values = [figure(text) for text in texts]
+                    known = [value for value in values if value is not None]
+                    assert values == known + [None] * (len(values) - len(known))
+                    assert known == sorted(known, reverse=way == "descending")
+                else:
+                    orders.append([word for word, _ in itertools.groupby(texts)])
+                    assert len(orders[-1]) == len(set(texts))
+            assert numeric or orders[0] == orders[1][::-1]
+            head.get_by_role("button").click()
+            assert head.get_attribute("aria-sort") is None
+            assert table.locator("tbody").inner_text() == before
+    assert complaints == []
+
+
+@pytest.mark.xdist_group("browser")
+def test_browser_turns_the_view_by_mouse_and_by_keyboard(opened):
+    tab, complaints, _ = opened
+    view = tab.locator(".view").first
+    view.scroll_into_view_if_needed()
+    box = view.bounding_box()
+    eyes, pictures = [tab.evaluate(TURNED)], [view.screenshot()]
+
+    def look():
+        tab.wait_for_timeout(300)
+        eyes.append(tab.evaluate(TURNED))
+        pictures.append(view.screenshot())
+
+    middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    tab.mouse.move(*middle)
+    tab.mouse.down()
+    tab.mouse.move(middle[0] + 120, middle[1], steps=5)
+    tab.mouse.up()
+    look()
+    for name in ("Turn left", "Look from below"):
+        tab.get_by_role("button", name=name).first.focus()
+        tab.keyboard.press("Enter")
+        look()
+    assert len(set(eyes)) == len(eyes)
+    assert len(set(pictures)) == len(pictures)
+    # a button takes its part away and brings it back
+    button = tab.locator("button[data-group='mineral 1']").first
+    for pressed in ("false", "true"):
+        button.click()
+        assert button.get_attribute("aria-pressed") == pressed
+        look()
+    assert len({pictures[-3], pictures[-2]}) == 2
+    assert complaints == []

@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from grainfall.errors import InputError
-from grainfall.section import Section, load_section, read_reference, read_section, write_section
+from grainfall.section import Section, guess_kind, load_section, read_reference, read_section, write_section
 
 VALUES = np.array([[0, 128, 255, 255], [0, 0, 128, 255], [128, 0, 0, 0]], np.uint8)
 PHASES = {"pore": 0, "quartz": 128, "feldspar": 255}
@@ -133,6 +133,28 @@ def test_instances_keep_their_outlines_and_are_numbered_without_gaps(tmp_path):
     assert section.phases == ("pore", "quartz")
 
 
+def test_the_kind_is_judged_from_the_pixels(tmp_path):
+    """Balls on a grid: numbered, as two minerals, as solid, as a noisy photograph."""
+    y, x = np.mgrid[:96, :96]
+    numbered = (1 + 8 * (y // 12) + x // 12) * (np.hypot(y % 12 - 6, x % 12 - 6) < 5)
+    minerals = np.where(numbered > 0, 1 + numbered % 2, 0)
+    noise = np.random.default_rng(0).normal(0, 8, numbered.shape)
+    images = {
+        "instances": numbered.astype(np.uint16),
+        "phases": (100 * minerals).astype(np.uint8),
+        "binary": np.where(minerals > 0, 7, 3).astype(np.uint8),
+        "grey": np.clip(40 + 70 * minerals + noise, 0, 255).astype(np.uint8),
+    }
+    for kind, image in images.items():
+        found, reason = guess_kind(save(tmp_path / f"{kind}.png", image))
+        assert found == kind
+        assert reason
+        assert read_section(tmp_path / f"{kind}.png", found, 1.0).porosity > 0.2
+    assert guess_kind(save(tmp_path / "grey.npy", 0.5 + noise))[0] == "grey"
+    with pytest.raises(InputError, match="one value only"):
+        guess_kind(save(tmp_path / "flat.png", np.full((9, 9), 5, np.uint8)))
+
+
 def test_several_arrays_need_a_name(tmp_path):
     path = tmp_path / "a.npz"
     np.savez(path, one=VALUES, two=VALUES // 2)
@@ -198,6 +220,34 @@ def test_palette_indices_are_labels_but_not_grey(tmp_path):
     image.save(tmp_path / "a.png")
     np.testing.assert_array_equal(read_section(tmp_path / "a.png", "phases", 1).phase, EXPECTED)
     refuse("palette", tmp_path / "a.png", "grey", 1)
+
+
+def test_binary_image_that_looks_inverted_needs_a_word(tmp_path):
+    """By stored value the pore would be what everybody sees as grain."""
+    seen = EXPECTED > 0
+    stored = (~seen).astype(np.uint8)
+    image = Image.fromarray(stored, mode="P")
+    image.putpalette([255, 255, 255, 0, 0, 0])
+    image.save(tmp_path / "a.png")
+    tifffile.imwrite(tmp_path / "a.tif", stored * np.uint8(255), photometric="miniswhite")
+    for name, pore, why in (("a.png", 1, "palette"), ("a.tif", 255, "0 as white")):
+        refuse(why, tmp_path / name, "binary", 1)
+        section = read_section(tmp_path / name, "binary", 1, pore_value=pore)
+        np.testing.assert_array_equal(section.phase > 0, seen)
+    refuse("0 as white", tmp_path / "a.tif", "grey", 1)
+
+
+def test_zarr_folder_that_lost_a_chunk_is_refused(tmp_path):
+    """Absent chunks read as 0, the pore: half a section would pass for a porous one."""
+    group = zarr.open_group(tmp_path / "a.zarr", mode="w")
+    array = group.create_array(
+        "phase", shape=VALUES.shape, dtype="u1", chunks=(2, 2), config={"write_empty_chunks": True}
+    )
+    array[...] = (VALUES > 0) + 1
+    chunk = sorted((tmp_path / "a.zarr/phase/c").rglob("*"))[-1]
+    read_section(tmp_path / "a.zarr", "binary", 1)
+    chunk.unlink()
+    refuse("chunks are absent", tmp_path / "a.zarr", "binary", 1)
 
 
 def test_the_zip_of_a_section_gives_it_back_and_depends_on_nothing_else(tmp_path):

@@ -10,26 +10,8 @@ import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
 
-TINY = {
-    "title": "Tiny",
-    "seed": 3,
-    "preset": "draft",
-    "samples": {"tiny": {"kind": "synthetic", "pixel_size_um": 2.0}},
-    "realizations": 2,
-    "synthetic": {
-        "shape": [48, 200, 200],
-        "reference_edge": 40,
-        "solid_fraction": 0.58,
-        "dissolved": 0.05,
-        "minerals": [
-            {"name": "quartz", "fraction": 0.6, "radius_um": 13.0, "cv": 0.15},
-            {"name": "feldspar", "fraction": 0.4, "radius_um": 11.0, "cv": 0.15},
-        ],
-    },
-    "grains": {"shapes_per_phase": 20},
-    "scene": {"edge_um": 80.0, "margin_grains": 1.5, "porosity": 0.44},
-    "correlation": {"slices": 7, "envelope_slices": 39},
-}
+TINY = yaml.safe_load((ROOT / "docs/tiny.yaml").read_text())
+"""The study of the tutorial."""
 
 
 def snakemake(folder, *arguments, config="config.yaml", snakefile=ROOT / "Snakefile", cores=2):
@@ -59,7 +41,7 @@ def planned(folder, *arguments, **options):
 
 def write_config(folder, config, name="config.yaml"):
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / name).write_text(yaml.safe_dump(config))
+    (folder / name).write_text(yaml.safe_dump(config, sort_keys=False))
     return folder
 
 

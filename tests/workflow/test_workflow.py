@@ -9,8 +9,11 @@ import numpy as np
 import pandas as pd
 import pytest
 import zarr
+from outputs import outputs
 
 from conftest import ROOT, TINY, planned, snakemake, write_config
+from grainfall import provenance
+from grainfall.export import FORMATS
 from grainfall.report import SUMMARY_COLUMNS
 
 pytestmark = pytest.mark.xdist_group("workflow")
@@ -35,6 +38,8 @@ AFTER_PACKING = {
     "figure",
     "ensembles_figure",
     "report_page",
+    "twin_provenance",
+    "provenance",
     "all",
 }
 
@@ -148,6 +153,22 @@ def test_second_run_does_nothing(finished):
     assert planned(finished) == {}
 
 
+def test_verify_says_what_changed(finished, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(finished)
+    assert provenance.main(["results"]) == 0, capsys.readouterr().out
+    assert "nothing has changed" in capsys.readouterr().out
+    folder = shutil.copytree(finished, tmp_path / "copy", ignore=shutil.ignore_patterns(".snakemake"))
+    monkeypatch.chdir(folder)
+    with (twin(folder) / "bodies.csv").open("a") as table:
+        table.write("0,grain,1\n")
+    write_config(folder, changed(seed=4))
+    assert provenance.main(["results"]) == 1
+    said = capsys.readouterr().out.splitlines()
+    assert said[0] == "config: seed was 3, is 4"
+    assert said[1] == "output: results/tiny/full/0/bodies.csv is not what rule twin wrote"
+    assert len(said) == 3
+
+
 def test_packing_parameter_reruns_packing_and_what_follows(finished):
     write_config(finished, changed(packing={"overrides": {"friction_static": 0.3}}), "friction.yaml")
     rerun = planned(finished, config="friction.yaml")
@@ -166,31 +187,6 @@ def test_edit_of_a_late_chapter_reruns_what_it_touches(finished, tmp_path):
     rerun = planned(finished, "--rerun-triggers", "params", snakefile=house / "Snakefile")
     assert "contacts" in rerun
     assert not {"first_packing", "twin", "network", "flow", "s2_volume"} & set(rerun)
-
-
-def timeless(content):
-    """JSON without its seconds."""
-    if isinstance(content, dict):
-        seconds = {"wall_s", "cost_s", "saved_s"}
-        return {key: timeless(value) for key, value in content.items() if key not in seconds}
-    return [timeless(value) for value in content] if isinstance(content, list) else content
-
-
-def outputs(folder):
-    """Content of every file that must not depend on cores or chunks, timing columns aside."""
-    found = {}
-    for path in sorted((folder / "results").rglob("*")):
-        name = path.relative_to(folder).as_posix()
-        timed = {"benchmarks", "logs", "figures"} & set(path.parts)
-        if path.is_dir() or timed or path.name in ("report.html", "metrics.csv"):
-            continue
-        content = path.read_bytes()
-        if path.suffix == ".json":
-            content = timeless(json.loads(content))
-        if path.name in ("summary.csv", "summary_row.csv", "flow.csv", "reference_flow.csv"):
-            content = pd.read_csv(path).drop(columns=["wall_s", "peak_rss_mb"], errors="ignore").to_csv()
-        found[name] = content
-    return found
 
 
 def test_one_core_and_other_chunks_give_the_same_bytes(finished, tmp_path):
@@ -273,4 +269,4 @@ def test_exports(finished):
     folder = twin(finished) / "export"
     size = json.loads((finished / "results/tiny/full/scene.json").read_text())["shape_zyx"]
     assert (folder / "twin.raw").stat().st_size == np.prod(size)
-    assert {p.suffix for p in folder.iterdir()} == {".mhd", ".raw", ".vti", ".glb", ".stl", ".vtp", ".dat"}
+    assert {p.name for p in folder.iterdir()} == {name for kind in FORMATS.values() for name in kind.files}

@@ -1,7 +1,12 @@
 """Common ground: the validated config, the samples, and the hash of the science that jobs use."""
 
+import fcntl
 import hashlib
+import os
+import platform
+import shutil
 import sys
+from functools import cache
 from pathlib import Path
 
 from snakemake.exceptions import WorkflowError
@@ -10,15 +15,54 @@ HOUSE = Path(workflow.basedir)
 sys.path.insert(0, str(HOUSE / "src"))
 
 from grainfall import config as sheet
+from grainfall import provenance
 from grainfall.errors import InputError
+from grainfall.export import FORMATS
 from grainfall.report.texts import TEXTS
 
 import grimp
+
+
+def sole_run():
+    """Clear the locks of a killed run.
+
+    Snakemake's lock outlives a kill; a lock on an open file does not. Every run holds a share in one; who can have
+    it whole is alone on this machine, and if the last run was here, whatever locks there are belong to nobody.
+    """
+    folder = Path(".snakemake")
+    try:
+        folder.mkdir(exist_ok=True)
+        handle = (folder / "grainfall.lock").open("a+")
+    except OSError:
+        return None
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        handle.seek(0)
+        if handle.read() == platform.node():
+            shutil.rmtree(folder / "locks", ignore_errors=True)
+        handle.truncate(0)
+        handle.write(platform.node())
+        handle.flush()
+    except OSError:
+        pass  # another run is at work, or this file system knows no such locks
+    try:
+        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except OSError:
+        pass
+    return handle
+
+
+if workflow.is_main_process:
+    RUNNING = sole_run()
+os.environ.update(GRAINFALL_SNAKEMAKE=str(os.getpid()))  # jobs end when it does
 
 CONFIG_SCHEMA = sheet.load_yaml(HOUSE / "workflow/schemas/config.schema.yaml")
 SAMPLE_SCHEMA = sheet.load_yaml(HOUSE / "workflow/schemas/samples.schema.yaml")
 
 try:
+    # Snakemake lets a key that stands there twice pass.
+    for path in workflow.configfiles:
+        sheet.load_yaml(path)
     CONFIG = sheet.resolve(
         config, CONFIG_SCHEMA, sheet.load_yaml(HOUSE / "config/presets.yaml")
     )
@@ -123,6 +167,11 @@ def settings(*keys):
     return of
 
 
+def whole_settings(wildcards):
+    """The whole config as the twin's variant sees it."""
+    return VARIANTS[wildcards.variant]
+
+
 def stream(wildcards):
     """Where a job's random numbers come from; a parameter, so that cached results are never mixed up."""
     return {
@@ -142,12 +191,35 @@ def synthesis(wildcards):
     return SYNTHESES[wildcards.sample]
 
 
-def sample_image(wildcards):
-    return SAMPLES[wildcards.sample]["image"]
+def users_file(key):
+    """An input function: the file that the sample's row names, if it names one.
+
+    Mark it ancient, with :func:`checksums` as a parameter: content decides, not a date, which a copy or a wrong
+    clock gets wrong.
+    """
+
+    def of(wildcards):
+        return SAMPLES[wildcards.sample].get(key) or []
+
+    return of
 
 
-def reference_image(wildcards):
-    return SAMPLES[wildcards.sample]["reference"]
+@cache
+def checksum(path):
+    try:
+        return provenance.checksum(path)
+    except InputError as fault:
+        raise WorkflowError(str(fault))
+
+
+def checksums(*keys):
+    """A params function: SHA-256 of the files that the sample's row names."""
+
+    def of(wildcards):
+        row = SAMPLES[wildcards.sample]
+        return {key: checksum(row[key]) for key in keys if row.get(key)}
+
+    return of
 
 
 def twins(path, **wildcards):
@@ -289,3 +361,11 @@ def tomograms_of_case(wildcards):
         "s2_envelope.json",
     )
     return expand(f"{SAMPLE}/tomogram/{{name}}", sample=TOMOGRAMS, name=names)
+
+
+onstart:
+    target = Path("results") if Path("results").exists() else Path()
+    if not os.access(target, os.W_OK):
+        raise WorkflowError(
+            f"{target.resolve()}: may not be written to; give write permission, or run elsewhere"
+        )

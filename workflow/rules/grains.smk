@@ -7,6 +7,7 @@ rule grain_library:
         grains=f"{SAMPLE}/grains2d.csv",
     output:
         library=directory(f"{SAMPLE}/grains3d"),
+        record=f"{SAMPLE}/logs/grain_library.json",
     log:
         f"{SAMPLE}/logs/grain_library.log",
     benchmark:

@@ -7,6 +7,7 @@ rule network:
     output:
         pores=f"{TWIN}/network_pores.csv",
         throats=f"{TWIN}/network_throats.csv",
+        record=f"{TWIN}/logs/network.json",
     log:
         f"{TWIN}/logs/network.log",
     benchmark:
@@ -30,6 +31,7 @@ use rule network as reference_network with:
     output:
         pores=f"{SAMPLE}/reference_network_pores.csv",
         throats=f"{SAMPLE}/reference_network_throats.csv",
+        record=f"{SAMPLE}/logs/reference_network.json",
     log:
         f"{SAMPLE}/logs/reference_network.log",
     benchmark:

@@ -34,6 +34,7 @@ rule first_packing:
         bodies=f"{TWIN}/first/bodies.csv",
         forces=f"{TWIN}/first/forces.csv",
         packing=f"{TWIN}/first/packing.json",
+        record=f"{TWIN}/logs/first_packing.json",
     log:
         f"{TWIN}/logs/first_packing.log",
     benchmark:
@@ -94,6 +95,7 @@ rule second_packing:
         bodies=f"{TWIN}/second/bodies.csv",
         forces=f"{TWIN}/second/forces.csv",
         packing=f"{TWIN}/second/packing.json",
+        record=f"{TWIN}/logs/second_packing.json",
     log:
         f"{TWIN}/logs/second_packing.log",
     benchmark:

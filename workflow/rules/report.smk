@@ -120,6 +120,50 @@ rule summary:
         "../../scripts/summary.py"
 
 
+rule twin_provenance:
+    input:
+        metrics=f"{TWIN}/metrics.csv",
+        plan=f"{TWIN}/plan.json",
+    output:
+        provenance=f"{TWIN}/provenance.json",
+    log:
+        f"{TWIN}/logs/twin_provenance.log",
+    conda:
+        ENVS["analysis"]
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    params:
+        seed=CONFIG["seed"],
+        row=sample_row,
+        settings=whole_settings,
+    script:
+        "../../scripts/twin_provenance.py"
+
+
+rule provenance:
+    input:
+        twins("provenance.json"),
+        summary="results/summary.csv",
+        page="results/report.html",
+    output:
+        provenance="results/provenance.json",
+    log:
+        "results/logs/provenance.log",
+    conda:
+        ENVS["analysis"]
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    params:
+        files=list(map(str, workflow.configfiles)),
+        overrides=dict(workflow.config_settings.config or {}),
+        config=CONFIG,
+        samples=SAMPLES,
+    script:
+        "../../scripts/provenance.py"
+
+
 rule figure:
     input:
         sizes=f"{SAMPLE}/sizes.csv",

@@ -1,4 +1,7 @@
-"""Section: read or synthesise the segmented image."""
+"""Section: read or synthesise the segmented image.
+
+What comes from the user may be broken: ``update`` keeps the former output where the job fails.
+"""
 
 
 rule synthesise:
@@ -6,6 +9,7 @@ rule synthesise:
         section=f"{SAMPLE}/section.zarr.zip",
         reference=f"{SAMPLE}/reference.zarr.zip",
         sizes=f"{SAMPLE}/truth_sizes.csv",
+        record=f"{SAMPLE}/logs/synthesise.json",
     log:
         f"{SAMPLE}/logs/synthesise.log",
     benchmark:
@@ -29,9 +33,10 @@ rule synthesise:
 
 rule read_section:
     input:
-        image=sample_image,
+        image=ancient(users_file("image")),
+        grey=ancient(users_file("grey")),
     output:
-        section=f"{SAMPLE}/section.zarr.zip",
+        section=update(f"{SAMPLE}/section.zarr.zip"),
     log:
         f"{SAMPLE}/logs/read_section.log",
     benchmark:
@@ -45,6 +50,7 @@ rule read_section:
         runtime=30,
     params:
         row=sample_row,
+        checksums=checksums("image", "grey"),
         settings=settings("section"),
         science=science("section"),
     script:
@@ -53,9 +59,9 @@ rule read_section:
 
 rule read_reference:
     input:
-        image=reference_image,
+        image=ancient(users_file("reference")),
     output:
-        reference=f"{SAMPLE}/reference.zarr.zip",
+        reference=update(f"{SAMPLE}/reference.zarr.zip"),
     log:
         f"{SAMPLE}/logs/read_reference.log",
     benchmark:
@@ -69,6 +75,7 @@ rule read_reference:
         runtime=60,
     params:
         row=sample_row,
+        checksums=checksums("reference"),
         science=science("section"),
     script:
         "../../scripts/read_reference.py"

@@ -60,16 +60,7 @@ rule export:
         pores=f"{TWIN}/network_pores.csv",
         throats=f"{TWIN}/network_throats.csv",
     output:
-        metaimage=f"{TWIN}/export/twin.mhd",
-        raw=f"{TWIN}/export/twin.raw",
-        vti=f"{TWIN}/export/twin.vti",
-        glb=f"{TWIN}/export/grains.glb",
-        stl=f"{TWIN}/export/grains.stl",
-        vtp=f"{TWIN}/export/network.vtp",
-        statoil=[
-            f"{TWIN}/export/network_{part}.dat"
-            for part in ("node1", "node2", "link1", "link2")
-        ],
+        [f"{TWIN}/export/{name}" for kind in FORMATS.values() for name in kind.files],
     log:
         f"{TWIN}/logs/export.log",
     benchmark:
@@ -80,7 +71,7 @@ rule export:
         mem_mb=4000,
         runtime=30,
     params:
-        science=science("volume", "grains", "network"),
+        science=science("export"),
     script:
         "../../scripts/export.py"
 

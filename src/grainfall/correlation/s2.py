@@ -175,7 +175,7 @@ def specific_surface(lag_um: np.ndarray, s2: np.ndarray) -> float:
     The slope is that of the parabola through the first three points: grains in contact give S2 a curvature
     at 0 that a single difference would take for missing surface. The staircase of voxels does not bias it:
     the first step along an axis counts voxel faces normal to it, which make up the surface's projection
-    (mean |n_x| = 1/2 of its area), although the area of all voxel faces is 3/2 of the true one.
+    (mean ``|n_x| = 1/2`` of its area), although the area of all voxel faces is 3/2 of the true one.
     """
     h1, h2 = lag_um[1] - lag_um[0], lag_um[2] - lag_um[0]
     slope = ((s2[1] - s2[0]) * h2 / h1 - (s2[2] - s2[0]) * h1 / h2) / (h2 - h1)

@@ -200,10 +200,8 @@ class Pores:
     def __init__(self, labels: np.ndarray, throats: Throats):
         self.labels, self.throats = labels, throats
         self.mobility = mobility(labels > 0)
-        pore = labels.reshape(-1)[self.mobility.voxels]
-        self.count = int(pore.max(initial=0))
-        self.order = np.argsort(pore, kind="stable").astype(self.mobility.voxels.dtype)
-        self.starts = np.concatenate([[0], np.cumsum(np.bincount(pore, minlength=self.count + 1)[1:])])
+        self.count = int(labels.max())
+        self.order, self.starts = _by_label(labels.reshape(-1), self.mobility.voxels, self.count)
 
     def answers(self, ports: Ports, which: np.ndarray) -> Answers:
         """Conductances of each of the pores ``which`` that has two unknowns; others let nothing through."""
@@ -233,6 +231,21 @@ class Pores:
         if not found:
             return Answers(*(np.zeros(0, kind) for kind in (np.int32, np.int32, np.int32, float, float)))
         return Answers(*map(np.concatenate, zip(*found, strict=True)))
+
+
+@njit(cache=True)
+def _by_label(labels, voxels, count):
+    """Voxels, by their numbers, label by label, and where each label starts."""
+    starts = np.zeros(count + 2, np.int64)
+    for i in range(len(voxels)):
+        starts[labels[voxels[i]] + 1] += 1
+    starts = np.cumsum(starts)
+    order, top = np.empty_like(voxels), starts.copy()
+    for i in range(len(voxels)):
+        label = labels[voxels[i]]
+        order[top[label]] = i
+        top[label] += 1
+    return order, starts[1:]
 
 
 @njit(cache=True)

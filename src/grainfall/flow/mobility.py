@@ -54,7 +54,7 @@ def mobility(pore: np.ndarray, close: float = CLOSE, block: int = BLOCK) -> Mobi
     close : float
         Residual.
     block : int
-        Edge of a block in voxels; no less than two margins.
+        Edge of a block in voxels; no less than twice the margin.
 
     Returns
     -------
@@ -70,8 +70,9 @@ def mobility(pore: np.ndarray, close: float = CLOSE, block: int = BLOCK) -> Mobi
         margin = int(np.ceil(MARGIN * np.sqrt(edt.edtsq(pore, black_border=False).max())))
         block = max(block, 2 * margin)
     size = np.array(pore.shape)
-    for corner in product(*(range(0, n, block) for n in size)):
-        first, last = np.array(corner), np.minimum(np.add(corner, block), size)
+    edges = [np.linspace(0, n, -(-n // block) + 1).astype(int) for n in size]
+    for corner in product(*(range(len(e) - 1) for e in edges)):
+        first, last = (np.array([e[i + k] for e, i in zip(edges, corner, strict=True)]) for k in (0, 1))
         start, stop = np.maximum(first - margin, 0), np.minimum(last + margin, size)
         part = pore[tuple(slice(*ends) for ends in zip(start, stop, strict=True))]
         solution = _solve(part, np.stack([start > 0, stop < size], axis=1), close)

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 
 CLOSE = 5e-3
-"""Residual of the local solutions, begun from those of coarser grids, of which a tenth of it is asked."""
+"""Residual of the local solutions, begun from those of coarser grids, of which a third of it is asked."""
 
 COARSEST = 100
 """Unknowns below which no coarser solution is sought."""
@@ -79,10 +79,11 @@ def conductances(
     near = _stencil(labels.shape, voxels, voxel, way)
     at_ports = lanes, modes
     conducting = near, *_bonds(near, np.ones_like(lower)), np.full(len(mobile), 2, np.float32)
-    voltage = _potentials(place, *conducting, *at_ports, len(back))
+    # errors of the potentials enter a power squared, and what their velocities dissipate as they are
+    voltage = _potentials(place, *conducting, *at_ports, len(back), 2 * CLOSE)
     electrical = _powers(*conducting, *at_ports, voltage)
     flowing = near, *_bonds(near, lower), 2 * mobile
-    pressure = _potentials(place, *flowing, *at_ports, len(back))
+    pressure = _potentials(place, *flowing, *at_ports, len(back), CLOSE)
     hydraulic = _powers(*flowing, *at_ports, pressure)
     dissipated = _dissipated(labels, voxels, near, *flowing[2:], *at_ports, pressure)
     hydraulic = hydraulic @ np.linalg.solve(dissipated, hydraulic)
@@ -124,7 +125,7 @@ def _stencil(shape, voxels, port_voxel, port_way):
     return near
 
 
-def _potentials(place, near, link, bond, port, lanes, modes, k):
+def _potentials(place, near, link, bond, port, lanes, modes, k, close):
     """Potentials (batches, n + 1, width) of which the first k lanes are at unit value of each unknown.
 
     From coarse to fine: blocks of 2 x 2 x 2 take one value, and what is found for them is a first guess.
@@ -143,9 +144,9 @@ def _potentials(place, near, link, bond, port, lanes, modes, k):
             sources.append(_gathered(sources[-1], group, len(coarse)))
         x = np.zeros_like(sources[-1])
         for depth in range(len(groups), 0, -1):
-            x = _gradients(*levels[depth][:2], *factors[depth], sources[depth], x, CLOSE / 10)
+            x = _gradients(*levels[depth][:2], *factors[depth], sources[depth], x, close / 3)
             x = _spread(x, *groups[depth - 1], levels[depth][0])
-        source[batch] = _gradients(link, bond, *factors[0], sources[0], x, CLOSE)
+        source[batch] = _gradients(link, bond, *factors[0], sources[0], x, close)
     return source
 
 

@@ -1,4 +1,4 @@
-"""Shapes and packed bodies as GLB (glTF, y up) or STL (z up) for any 3D viewer. Lengths are micrometres."""
+"""Shapes and packed bodies as GLB (glTF, y up) or STL (z up) in micrometres, and as LAMMPS data."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ PHASE_COLOURS = (
 """RGB of the minerals 1, 2, …; they repeat."""
 
 VIRTUAL_COLOUR = (0xC8, 0xC8, 0xC8)
+QUARTZ_KG_M3 = 2650.0
 _Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 
 
@@ -73,6 +74,53 @@ def export_bodies(
         data = _glb(bodies, library, _Y_UP @ poses, colours or {})
     with io.atomic_path(path) as part:
         part.write_bytes(data)
+
+
+def export_lammps(bodies: pd.DataFrame, path: str | Path, density_kg_m3: float = QUARTZ_KG_M3) -> None:
+    """Write packed bodies as a data file that LAMMPS and LIGGGHTS read (``atom_style sphere``, ``units si``).
+
+    Each body is the sphere of its volume at its centre of mass, its type the phase (of virtual spheres, the
+    one after the last phase): shapes and orientations are lost, and where grains are not round their spheres
+    overlap. The box holds all spheres.
+
+    Parameters
+    ----------
+    bodies : DataFrame
+        Columns kind, phase, scale (equal-volume radius), x, y, z as in ``bodies.csv``; um.
+    path : str or Path
+    density_kg_m3 : float
+        Of every body.
+
+    Raises
+    ------
+    InputError
+        When there is no body.
+    """
+    if bodies.empty:
+        raise InputError("bodies", "there is nothing to export", "give at least one body")
+    virtual = (bodies["kind"] == "virtual").to_numpy()
+    phases = int(bodies.loc[~virtual, "phase"].max()) if not virtual.all() else 0
+    kinds = np.where(virtual, phases + 1, bodies["phase"])
+    centre = bodies[["x", "y", "z"]].to_numpy(float) * 1e-6
+    radius = bodies["scale"].to_numpy(float) * 1e-6
+    low, high = (centre - radius[:, None]).min(axis=0), (centre + radius[:, None]).max(axis=0)
+    lines = [
+        "grainfall: equal-volume spheres; atom_style sphere, units si: id type diameter density x y z",
+        "",
+        f"{len(bodies)} atoms",
+        f"{phases + int(virtual.any())} atom types",
+        "",
+        *(f"{a:.9e} {b:.9e} {axis}lo {axis}hi" for a, b, axis in zip(low, high, "xyz", strict=True)),
+        "",
+        "Atoms",
+        "",
+    ]
+    rows = zip(kinds, 2 * radius, *centre.T, strict=True)
+    lines += [
+        f"{n} {kind} {d:.9e} {density_kg_m3:.9e} {x:.9e} {y:.9e} {z:.9e}"
+        for n, (kind, d, x, y, z) in enumerate(rows, start=1)
+    ]
+    io.write_text(path, "\n".join(lines) + "\n")
 
 
 def _stl(bodies: pd.DataFrame, library: Library, poses: np.ndarray) -> bytes:

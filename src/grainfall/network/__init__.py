@@ -17,7 +17,7 @@ from grainfall.network.elements import (
     subnetwork,
     summarise,
 )
-from grainfall.network.export import load, save, save_statoil, save_vtp, to_openpnm
+from grainfall.network.export import load, save, save_openpnm, save_statoil, save_vtp, to_openpnm
 from grainfall.network.extraction import METHODS, extract, measure
 from grainfall.network.geometry import CIRCLE
 from grainfall.network.partition import PERSISTENCE, Partition, partition
@@ -44,6 +44,7 @@ __all__ = [
     "partition",
     "pore_betti_numbers",
     "save",
+    "save_openpnm",
     "save_statoil",
     "save_vtp",
     "subnetwork",

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from grainfall.errors import InputError
-from grainfall.io import read_table, write_table
+from grainfall.io import atomic_path, read_table, write_table, write_text
 from grainfall.network.elements import LENGTH_POWER, Network, conduit_lengths
 
 
@@ -29,6 +29,17 @@ def to_openpnm(network: Network) -> object:
     pn["throat.diameter"] = pn["throat.inscribed_diameter"]
     pn["throat.spacing"] = pn["throat.total_length"]
     return pn
+
+
+def save_openpnm(network: Network, path: str | Path) -> None:
+    """Write a network as the one CSV that ``openpnm.io.network_from_csv`` reads, in metres."""
+    import openpnm
+
+    with atomic_path(path) as part:
+        # OpenPNM appends .csv where it is not there.
+        named = part.with_name(f"{part.name}.csv")
+        openpnm.io.network_to_csv(to_openpnm(network), filename=str(named))
+        named.replace(part)
 
 
 def save(network: Network, pores_csv: str | Path, throats_csv: str | Path) -> None:
@@ -91,7 +102,11 @@ def save_vtp(network: Network, path: str | Path) -> None:
             continue
         data = mesh.point_data if name.startswith("pore.") else mesh.cell_data
         data[name] = values.astype(np.uint8) if values.dtype == bool else values
-    mesh.save(str(path))
+    with atomic_path(path) as part:
+        # PyVista tells the format by the suffix.
+        named = part.with_suffix(".vtp")
+        mesh.save(str(named))
+        named.replace(part)
 
 
 def save_statoil(network: Network, prefix: str | Path, size_um: tuple[float, float, float]) -> None:
@@ -125,11 +140,8 @@ def save_statoil(network: Network, prefix: str | Path, size_um: tuple[float, flo
     shape = network["throat.shape_factor"][keep]
     first = zip(links, *ends.T, throat_radius, shape, lengths.sum(axis=1), strict=True)
     second = zip(links, *ends.T, *lengths[:, [0, 2, 1]].T, strict=True)
-    with open(f"{prefix}_link1.dat", "w") as file:
-        file.write(f"{len(links)}\n")
-        file.writelines(_line(*row) for row in first)
-    with open(f"{prefix}_link2.dat", "w") as file:
-        file.writelines(_line(*row, 0, 0) for row in second)
+    write_text(f"{prefix}_link1.dat", f"{len(links)}\n" + "".join(_line(*row) for row in first))
+    write_text(f"{prefix}_link2.dat", "".join(_line(*row, 0, 0) for row in second))
 
     pores = np.flatnonzero(inner)
     neighbours: list[list[int]] = [[] for _ in range(len(inner))]
@@ -139,17 +151,15 @@ def save_statoil(network: Network, prefix: str | Path, size_um: tuple[float, flo
         neighbours[b].append(i)
         throats[a].append(link)
         throats[b].append(link)
-    with open(f"{prefix}_node1.dat", "w") as file:
-        file.write(_line(len(pores), *(float(s) * metre for s in size_um)))
-        for p in pores:
-            near = neighbours[p]
-            faces = (int(-1 in near), int(0 in near))
-            place = network["pore.coords"][p] * metre
-            file.write(_line(number[p], *place, len(near), *near, *faces, *throats[p]))
-    with open(f"{prefix}_node2.dat", "w") as file:
-        volume, g = network["pore.volume"] * metre**3, network["pore.shape_factor"]
-        for p in pores:
-            file.write(_line(number[p], volume[p], radius[p], g[p], 0))
+    lines = [_line(len(pores), *(float(s) * metre for s in size_um))]
+    for p in pores:
+        near = neighbours[p]
+        faces = (int(-1 in near), int(0 in near))
+        place = network["pore.coords"][p] * metre
+        lines.append(_line(number[p], *place, len(near), *near, *faces, *throats[p]))
+    write_text(f"{prefix}_node1.dat", "".join(lines))
+    volume, g = network["pore.volume"] * metre**3, network["pore.shape_factor"]
+    write_text(f"{prefix}_node2.dat", "".join(_line(number[p], volume[p], radius[p], g[p], 0) for p in pores))
 
 
 def _line(*values: float) -> str:

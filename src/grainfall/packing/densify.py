@@ -38,7 +38,7 @@ def match_density(
     target : float
         Porosity wanted.
     tolerance : float
-        Largest |porosity - target| that ends the passes.
+        Largest ``|porosity - target|`` that ends the passes.
     max_passes : int
         At most so many packings.
     tapping : bool

@@ -242,7 +242,12 @@ class _Deposition:
     def run(self) -> pd.DataFrame:
         bed = self.bed
         if self.file is not None and self.file.exists():
-            self._load()
+            try:
+                self._load(io.read_arrays(self.file))
+            except InputError as fault:
+                # A damaged checkpoint costs its time, not the packing.
+                if self.progress:
+                    self.progress(f"starts anew: {fault}")
         bed.start()
         saved, expected = self.steps, max(1, self._expected())
         while not self.poured:
@@ -311,13 +316,12 @@ class _Deposition:
         arrays |= {"speed": self.speed, "still": self.still, "virtual": bed.kind == "virtual"}
         io.write_arrays(self.file, arrays | {"plain": np.array(json.dumps(plain))})
 
-    def _load(self) -> None:
-        with np.load(self.file) as found:
-            for name in BODY:
-                setattr(self.bed, name, found[name])
-            self.bed.kind = np.where(found["virtual"], "virtual", "grain").astype(object)
-            self.speed, self.still = found["speed"], found["still"]
-            plain = json.loads(str(found["plain"]))
+    def _load(self, found: dict[str, np.ndarray]) -> None:
+        for name in BODY:
+            setattr(self.bed, name, found[name])
+        self.bed.kind = np.where(found["virtual"], "virtual", "grain").astype(object)
+        self.speed, self.still = found["speed"], found["still"]
+        plain = json.loads(str(found["plain"]))
         self.rng.bit_generator.state = plain.pop("rng")
         for name, value in plain.items():
             setattr(self, name, value)

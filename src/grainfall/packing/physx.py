@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterable
-from pathlib import Path
 
 import numpy as np
 import trimesh
 
+from grainfall.io import Scratch
 from grainfall.packing._sapien import load
 from grainfall.packing.engine import WALL, Contacts, Solid, State
 from grainfall.packing.parameters import GRAVITY, Parameters
@@ -156,16 +155,16 @@ class _Meshes:
     """Convex meshes as files: PhysX then cooks each shape once, not once a body."""
 
     def __init__(self):
-        self._folder = tempfile.TemporaryDirectory(prefix="grainfall-")
+        self._folder = Scratch()
         self._known: dict[int, tuple[np.ndarray, str]] = {}
 
     def file(self, points: np.ndarray) -> str:
         """Path of the hull of these points; the same array gives the same path."""
         if id(points) not in self._known:
-            path = Path(self._folder.name) / f"{len(self._known)}.stl"
+            path = self._folder.path / f"{len(self._known)}.stl"
             trimesh.convex.convex_hull(points).export(path)
             self._known[id(points)] = points, str(path)
         return self._known[id(points)][1]
 
     def close(self) -> None:
-        self._folder.cleanup()
+        self._folder.close()

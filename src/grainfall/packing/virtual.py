@@ -247,7 +247,7 @@ def match_porosity(
     p0 : float
         First guess, from :func:`sphere_probability`.
     tolerance : float
-        Largest |porosity - target| that ends the passes.
+        Largest ``|porosity - target|`` that ends the passes.
     max_passes : int
         At most so many packings.
 

@@ -56,10 +56,9 @@ class Results:
 
     def table(self, name: str) -> pd.DataFrame | None:
         """A CSV table; ``None`` where it is missing or has no columns."""
-        try:
-            return io.read_table(self.path(name))
-        except (FileNotFoundError, pd.errors.EmptyDataError):
-            return None
+        path = self.path(name)
+        # a table without columns is written as one line feed
+        return io.read_table(path) if path.exists() and path.stat().st_size > 1 else None
 
     def json(self, name: str) -> dict | None:
         """A JSON object."""

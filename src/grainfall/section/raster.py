@@ -27,6 +27,8 @@ MAX_PIXELS = 200_000_000
 """Default limit on the pixels of a section."""
 MAX_VOXELS = 2_000_000_000
 """Default limit on the voxels of a reference volume."""
+SPARE_MEMORY = 2**30
+"""Bytes a decoder may take beside eight times the declared size."""
 
 _PNG = b"\x89PNG\r\n\x1a\n"
 _PNG_COLOUR = {2: "an RGB", 4: "a grey + alpha", 6: "an RGBA"}
@@ -60,7 +62,8 @@ def read_raster(
     prefer : sequence of str
         Names to try, in order, where ``array`` is not given.
     indexed : bool
-        Whether the indices of a palette image are its values (they are for labels, not for grey).
+        Whether the stored numbers are meant, also where the file has viewers show them otherwise: by a
+        palette, or 0 as white. So it is for labels; where dark and bright decide, such a file is refused.
     max_pixels : int
         Largest size accepted; compared with the declared size before anything is decoded.
 
@@ -164,6 +167,28 @@ def _decoding(path: Path) -> Iterator[None]:
     finally:
         logger.removeHandler(handler)
         logger.propagate = propagate
+
+
+@contextmanager
+def _bounded(path: Path, shape: Sequence[int], dtype: np.dtype) -> Iterator[None]:
+    """Memory for the declared size and what a decoder needs beside it, not for what a bomb unpacks to."""
+    try:
+        import resource
+
+        held = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    except (ImportError, OSError):
+        yield
+        return
+    limit = held + SPARE_MEMORY + 8 * prod(int(n) for n in shape) * dtype.itemsize
+    within = limit if soft == resource.RLIM_INFINITY else min(limit, soft)
+    resource.setrlimit(resource.RLIMIT_AS, (within, hard))
+    try:
+        yield
+    except MemoryError:
+        raise InputError(path, f"unpacks to far more than the {_by(shape)} it declares", INTACT) from None
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
 
 
 def _by(shape: Sequence[int]) -> str:
@@ -273,6 +298,12 @@ def _read_tiff(path: Path, ndim: int, indexed: bool, max_pixels: int) -> np.ndar
             )
         if page.photometric == tifffile.PHOTOMETRIC.PALETTE and not indexed:
             raise _colour(path, "a palette")
+        # Booleans are let pass: Python's own writer marks them so, whatever they mean.
+        shown_inverted = page.photometric == tifffile.PHOTOMETRIC.MINISWHITE and page.bitspersample > 1
+        if shown_inverted and not indexed:
+            raise InputError(
+                path, "a TIFF that shows 0 as white", "convert it, or say which stored value is the pore"
+            )
         if series.dtype is None:
             raise InputError(path, f"a TIFF of {page.bitspersample} bits a sample", "8 or 16 bits are needed")
         _check_declared(path, series.shape, series.dtype, ndim, max_pixels)
@@ -281,9 +312,12 @@ def _read_tiff(path: Path, ndim: int, indexed: bool, max_pixels: int) -> np.ndar
         if any(0 in one.databytecounts for one in series.pages if one is not None):
             raise InputError(path, "damaged or truncated file (pixels are missing)", INTACT)
         if page.compression in _TIFFFILE_CODECS and page.predictor in (1, 2):
-            return series.asarray(maxworkers=1)
+            with _bounded(path, series.shape, series.dtype):
+                return series.asarray(maxworkers=1)
         inverted = page.photometric == tifffile.PHOTOMETRIC.MINISWHITE
-    return _read_tiff_pillow(path, inverted)
+        shape, dtype = series.shape, series.dtype
+    with _bounded(path, shape, dtype):
+        return _read_tiff_pillow(path, inverted)
 
 
 @contextmanager
@@ -383,7 +417,15 @@ def _read_zarr(
         raise InputError(path, f"{array!r} is a group", "name an array")
     _check_declared(path, node.shape, node.dtype, ndim, max_pixels)
     _check_declared(path, node.shards or node.chunks, node.dtype, len(node.chunks), max_pixels)
-    return np.asarray(node[...])
+    if isinstance(store, Path) and node.nchunks_initialized < node.nchunks:
+        absent = node.nchunks - node.nchunks_initialized
+        raise InputError(
+            path,
+            f"{absent} of {node.nchunks} chunks are absent and would read as 0",
+            "copy it whole, or write it with empty chunks (zarr: write_empty_chunks) or as TIFF or NPZ",
+        )
+    with _bounded(path, node.shape, node.dtype):
+        return np.asarray(node[...])
 
 
 def _children(store) -> list[str]:

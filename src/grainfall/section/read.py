@@ -127,9 +127,9 @@ def read_section(
     if classes is not None and kind != "grey":
         raise InputError("classes", f"is for grey images, not for {kind}", "leave it out")
 
-    image = read_raster(
-        path, array=array, prefer=_ARRAY_NAMES[kind], indexed=kind != "grey", max_pixels=max_pixels
-    )
+    # Where nobody says which value is which, what the eye sees has to be what is stored.
+    told = kind != "grey" and (kind != "binary" or pore_value is not None or values is not None)
+    image = read_raster(path, array=array, prefer=_ARRAY_NAMES[kind], indexed=told, max_pixels=max_pixels)
     notes: dict = {}
     instances = levels = None
     if kind == "grey":

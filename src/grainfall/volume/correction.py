@@ -49,7 +49,7 @@ def correct_porosity(
     target : float
         Porosity wanted.
     limit : float
-        Largest |target - porosity| that position scaling may bridge, whatever the switch.
+        Largest ``|target - porosity|`` that position scaling may bridge, whatever the switch.
     switch : {"auto", "on", "off"}
     max_passes : int
         Voxelisations at most.

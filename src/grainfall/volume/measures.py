@@ -74,9 +74,9 @@ def adjacent_pairs(body: np.ndarray, voxel_size_um: float) -> pd.DataFrame:
 
     Notes
     -----
-    The staircase of a flat contact of area A and normal n shows A |n_i| / h^2 faces along axis i, all of one
-    sign. So the length of the signed sum of faces times h^2 is A at any orientation, while (2/3) h^2 times
-    their number (Cauchy-Crofton, mean |n_x| + |n_y| + |n_z| = 3/2) is right only on average over
+    The staircase of a flat contact of area A and normal n shows ``A |n_i| / h^2`` faces along axis i, all of
+    one sign. So the length of the signed sum of faces times h^2 is A at any orientation, while (2/3) h^2
+    times their number (Cauchy-Crofton, mean ``|n_x| + |n_y| + |n_z| = 3/2``) is right only on average over
     orientations: 0.67 A for a contact along an axis, 1.15 A along the diagonal. ``area_um2`` is the former;
     on a curved contact it is the area of the flat patch with the same rim.
     """

@@ -1,0 +1,16 @@
+"""What the whole run rests on."""
+
+from pathlib import Path
+
+from _stage import stage
+
+from grainfall import io, provenance
+
+with stage(snakemake):
+    document = provenance.of_run(
+        "results",
+        [snakemake.input.summary, snakemake.input.page],
+        Path(snakemake.scriptdir).parent,
+        **{name: snakemake.params[name] for name in ("files", "overrides", "config", "samples")},
+    )
+    io.write_json(snakemake.output.provenance, document)

@@ -1,0 +1,238 @@
+"""The commands. Each is a few lines: it asks the library or Snakemake, and says what came of it."""
+
+from __future__ import annotations
+
+import shlex
+import tempfile
+import webbrowser
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.box import SIMPLE
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from grainfall.errors import InputError
+
+app = typer.Typer(
+    help="One section of a granular rock in, packed 3D digital twins out.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+out = Console(highlight=False, soft_wrap=True)
+
+Folder = Annotated[Path, typer.Argument(metavar="STUDY", help="Folder of the study; this one if omitted.")]
+STAGES = {
+    "section": "{sample}/section.zarr.zip",
+    "grains": "{sample}/grains3d/library.csv",
+    "first": "{sample}/{variant}/{n}/first/bodies.csv",
+    "second": "{sample}/{variant}/{n}/second/bodies.csv",
+    "twin": "{sample}/{variant}/{n}/twin.zarr.zip",
+    "metrics": "{sample}/{variant}/{n}/metrics.csv",
+}
+"""What status looks for, in the order in which it comes to be."""
+FIGURES = {
+    "porosity": "porosity",
+    "target": "porosity_target",
+    "K x (mD)": "k_x_md",
+    "K y (mD)": "k_y_md",
+    "K z (mD)": "k_z_md",
+    "S2 p": "s2_envelope_p",
+}
+"""Columns of summary.csv that status shows."""
+
+
+@app.command()
+def new(
+    study: Annotated[Path, typer.Argument(metavar="STUDY", help="Folder to make.")],
+    image: Annotated[Path, typer.Option(help="The section: PNG, TIFF, NPY, NPZ or Zarr.")],
+    pixel_size: Annotated[str, typer.Option(help="Edge of a pixel, such as 1.2um or 800nm.")],
+    kind: Annotated[
+        str | None, typer.Option(help="instances, phases, binary or grey; judged if omitted.")
+    ] = None,
+    phases: Annotated[
+        str | None, typer.Option(help="Names with values, 'pore=0;quartz=1', or names alone.")
+    ] = None,
+    pore_value: Annotated[int | None, typer.Option(help="The value that is pore.")] = None,
+    array: Annotated[
+        str | None, typer.Option(help="Name of the array in an NPZ or Zarr with several.")
+    ] = None,
+    preset: Annotated[str | None, typer.Option(help="draft or standard; suggested if omitted.")] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace config and image of a study; results stay.")
+    ] = False,
+) -> None:
+    """Look at an image and write a study with a commented config."""
+    from grainfall.cli import look
+
+    look.check_free(study, image, force)
+    given = {"phases": phases, "pore_value": pore_value, "array": array}
+    found = look.look(image, look.length_um(pixel_size), kind=kind, preset=preset, **given)
+    config = look.write_study(study, found, **given, force=force)
+    for line in look.described(found):
+        out.print(line, markup=False)
+    out.print(f"Written: {config}. Next: grainfall run {shlex.quote(str(study))}", markup=False)
+
+
+@app.command()
+def run(
+    study: Folder = Path("."),
+    cores: Annotated[str, typer.Option(help="Number of cores, or all.")] = "all",
+    dry_run: Annotated[bool, typer.Option("--dry-run", "-n", help="Say what would run.")] = False,
+    unlock: Annotated[
+        bool, typer.Option("--unlock", help="Remove the lock of a run that was killed.")
+    ] = False,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Show all that Snakemake says.")] = False,
+) -> None:
+    """Run a study, or go on where it was stopped."""
+    from grainfall.cli import study as studies
+
+    if cores != "all" and not (cores.isdigit() and int(cores) > 0):
+        raise InputError("--cores", f"'{cores}' is no number of cores", "a positive number, or all")
+    opened = studies.open_study(study)
+    if dry_run:
+        left = studies.jobs_left(opened)
+        out.print(_jobs(left), markup=False)
+        return
+    command = studies.snakemake(opened, *(["--unlock"] if unlock else ["--cores", cores]))
+    with Progress(
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), console=out,
+        disable=not out.is_terminal or verbose or unlock,
+    ) as bar:  # fmt: skip
+        task = bar.add_task("starting", total=None)
+
+        def each(line: str, known: studies.Followed) -> None:
+            bar.update(
+                task, completed=known.done, total=known.total or None, description=known.rule or "starting"
+            )
+            said = line.startswith("[") and "] " in line and not line.endswith("]")
+            step = not out.is_terminal and studies.STEPS.match(line)
+            if verbose or said or step:
+                out.print(line, markup=False)
+
+        status, known = studies.follow(command, each)
+    if status:
+        fault = known.fault or "Snakemake failed"
+        raise InputError(
+            opened.folder, fault, "the same command goes on; --verbose and .snakemake/log say more"
+        )
+    report = opened.results / "report.html"
+    done = f"Done: {report}. Look at it: grainfall view {shlex.quote(str(study))}"
+    out.print("Unlocked." if unlock else done, markup=False)
+
+
+@app.command()
+def status(study: Folder = Path(".")) -> None:
+    """Say how far a study is, and what its twins came to."""
+    from grainfall import io
+    from grainfall.cli import study as studies
+
+    opened = studies.open_study(study)
+    table = Table("twin", *STAGES, box=SIMPLE, title=str(opened.folder))
+    for sample, variant, n in opened.twins:
+        files = (
+            opened.results / path.format(sample=sample, variant=variant, n=n) for path in STAGES.values()
+        )
+        table.add_row(f"{sample}/{variant}/{n}", *("done" if file.exists() else "-" for file in files))
+    out.print(table)
+    if (opened.results / "summary.csv").is_file():
+        summary = io.read_table(opened.results / "summary.csv")
+        figures = Table("twin", *FIGURES, box=SIMPLE, title="results/summary.csv")
+        for row in summary.itertuples():
+            cells = (getattr(row, name) for name in FIGURES.values())
+            twin = f"{row.sample}/{row.variant}/{row.realization}"
+            figures.add_row(twin, *(f"{cell:.4g}" if cell == cell else "" for cell in cells))
+        out.print(figures)
+    if opened.locked:
+        out.print("A run is going on, or one was killed (then: grainfall run --unlock).", markup=False)
+    out.print(_jobs(studies.jobs_left(opened)), markup=False)
+
+
+def _jobs(left: dict[str, int]) -> str:
+    """What is left to do, in words."""
+    if not left:
+        return "Everything is done and up to date."
+    listed = ", ".join(f"{name} {count}" if count > 1 else name for name, count in left.items())
+    return f"{sum(left.values())} jobs to do: {listed}"
+
+
+@app.command()
+def view(
+    study: Folder = Path("."),
+    no_open: Annotated[
+        bool, typer.Option("--no-open", help="Say where the report is, open nothing.")
+    ] = False,
+) -> None:
+    """Open the report in the browser: verdicts, figures, tables, the twin in 3D, phases and network."""
+    from grainfall.cli import study as studies
+
+    opened = studies.open_study(study)
+    report = opened.results / "report.html"
+    if not report.is_file():
+        raise InputError(report, "there is no report yet", f"grainfall run {study} makes it")
+    out.print(str(report), markup=False)
+    if not no_open and not webbrowser.open(report.as_uri()):
+        raise InputError(report, "no browser could be opened", "open this file in one")
+
+
+@app.command()
+def export(
+    study: Folder = Path("."),
+    format: Annotated[
+        list[str] | None, typer.Option("--format", "-f", help="One of those listed; may be repeated.")
+    ] = None,
+    twin: Annotated[
+        str | None, typer.Option(help="SAMPLE/VARIANT/REALIZATION; the first twin if omitted.")
+    ] = None,
+    to: Annotated[
+        Path | None, typer.Option(help="Folder to write to; export/ beside the twin if omitted.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace files that are there.")] = False,
+) -> None:
+    """Write a twin, its grains and its pore network for other programs; no --format: list the formats."""
+    from grainfall.cli import study as studies
+    from grainfall.export import FORMATS, Twin, export_twin
+
+    opened = studies.open_study(study)
+    if not format:
+        table = Table("format", "files", "what", box=SIMPLE)
+        for name, kind in FORMATS.items():
+            table.add_row(name, ", ".join(kind.files), kind.about)
+        out.print(table)
+        return
+    for name in format:
+        if name not in FORMATS:
+            raise InputError("--format", f"'{name}' is not known", f"one of: {', '.join(FORMATS)}")
+    twins = ["/".join(map(str, t)) for t in opened.twins]
+    chosen = twins[0] if twin is None else twin
+    if chosen not in twins:
+        raise InputError("--twin", f"'{chosen}' is not in the study", f"one of: {', '.join(twins[:5])}")
+    source = opened.results / chosen
+    folder = to or source / "export"
+    there = [folder / file for name in format for file in FORMATS[name].files if (folder / file).exists()]
+    if there and not force:
+        raise InputError(there[0], "is there already", "--to another folder, or --force to replace it")
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".export-", dir=folder) as part:
+        files = export_twin(Twin(source, source.parents[1] / "grains3d"), part, format)
+        for file in files:
+            file.replace(folder / file.name)
+            out.print(str(folder / file.name), markup=False)
+
+
+@app.command()
+def doctor(study: Folder = Path(".")) -> None:
+    """Examine the environment, the engines, cores, memory and graphics cards."""
+    from grainfall.cli.doctor import examine
+
+    bad = []
+    table = Table("what", "found", "", box=SIMPLE)
+    for finding in examine(study):
+        table.add_row(finding.what, finding.found, {True: "ok", False: "MISSING", None: ""}[finding.ok])
+        bad += [finding.what] if finding.ok is False else []
+    out.print(table)
+    if bad:
+        raise InputError("doctor", f"not as it should be: {', '.join(bad)}", "see above")

@@ -1,0 +1,332 @@
+"""What an image shows, and the study that suits it: the first chapters of the method, run on a section."""
+
+from __future__ import annotations
+
+import math
+import re
+import shutil
+import textwrap
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from grainfall import config as sheet
+from grainfall import io, morphology, packing, stereology
+from grainfall.cli.costs import SOURCE, Cost, Costs
+from grainfall.cli.study import CONFIGS, resolved, schema
+from grainfall.errors import InputError
+from grainfall.section import Section, guess_kind, read_section
+
+LENGTHS_UM = {"": 1.0, "um": 1.0, "µm": 1.0, "μm": 1.0, "nm": 1e-3, "mm": 1e3}
+VOXELS_A_GRAIN = 16
+"""Across the mean grain; README, 621 spheres: permeability at 16 is 5 % below that at 24 voxels."""
+LARGE_GRAINS = 4
+"""Large grains that fit side by side in the box."""
+PATIENCE_S = 2 * 3600
+"""A twin that the standard preset packs for longer is suggested as a draft first."""
+
+
+def length_um(text: str) -> float:
+    """``"1.2um"``, ``"800 nm"``, ``"0.02mm"`` or a bare number of micrometres, in micrometres.
+
+    Raises
+    ------
+    InputError
+        For anything else.
+    """
+    found = re.fullmatch(r"\s*([0-9.]+(?:[eE][+-]?[0-9]+)?)\s*([a-zµμ]*)\s*", text)
+    right = "a length like 1.2um, 800nm or 0.02mm"
+    if not found or found.group(2) not in LENGTHS_UM:
+        raise InputError("--pixel-size", f"'{text}' is no length", right)
+    try:
+        value = float(found.group(1)) * LENGTHS_UM[found.group(2)]
+    except ValueError:
+        raise InputError("--pixel-size", f"'{text}' is no length", right) from None
+    if not (math.isfinite(value) and value > 0):
+        raise InputError("--pixel-size", f"'{text}' is no length", right)
+    return value
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What the section shows, and what suits it.
+
+    Attributes
+    ----------
+    image : Path
+    kind, reason : str
+        Kind of the image, and why it is taken for one.
+    section : Section
+    summary : dict
+        As in section.json.
+    radius2d_um, radius3d_um : float
+        Mean radius of grains in the section, and unfolded, over all minerals by number.
+    preset : str
+    edge_um, voxel_size_um : float
+        Suggested box and voxels.
+    cost : Cost
+        Of one twin of these.
+    """
+
+    image: Path
+    kind: str
+    reason: str
+    section: Section
+    summary: dict
+    radius2d_um: float
+    radius3d_um: float
+    preset: str
+    edge_um: float
+    voxel_size_um: float
+    cost: Cost
+
+
+def look(
+    image: str | Path,
+    pixel_size_um: float,
+    *,
+    kind: str | None = None,
+    phases: str | None = None,
+    pore_value: int | None = None,
+    array: str | None = None,
+    preset: str | None = None,
+) -> Findings:
+    """Look at a section and suggest a study.
+
+    Parameters
+    ----------
+    image : str or Path
+    pixel_size_um : float
+    kind, phases, pore_value, array : optional
+        As in the sample sheet; the kind is judged from the pixels if omitted.
+    preset : str, optional
+        One of those whose cost has been measured.
+
+    Raises
+    ------
+    InputError
+        When the image cannot be read, or shows no whole grain of a mineral.
+    """
+    image = Path(image)
+    reason = "as you said"
+    if kind is None:
+        kind, reason = guess_kind(image, array)
+    names = sheet.parse_phases(phases)
+    section = read_section(image, kind, pixel_size_um, names, pore_value=pore_value, array=array)
+    settings = resolved({"samples": "-"}, "defaults")
+    found = morphology.analyse(
+        section.phase, pixel_size_um, instances=section.instances, grey=section.grey, **settings["morphology"]
+    )
+    summary = {**found.summary(section.phases), "pixel_size_um": pixel_size_um}
+    sizes = {
+        (n, "grain"): stereology.unfold_table(
+            found.grains[found.grains.phase == n], method=settings["stereology"]["method"]
+        )
+        for n in range(1, len(section.phases))
+    }
+    for (n, _), size in sizes.items():
+        if size is None:
+            raise InputError(
+                image, f"shows no whole grain of {section.phases[n]}", "a larger section, or fewer phases"
+            )
+    radius2d, radius3d, large = _mean_grain(sizes, summary)
+    edge = _rounded(max(10 * 2 * radius3d, LARGE_GRAINS * 2 * large))
+    voxel = max(pixel_size_um, _rounded(2 * radius3d / VOXELS_A_GRAIN))
+    costs = Costs.measured()
+
+    def cost_of(preset: str) -> Cost:
+        scene = resolved({"samples": "-", "preset": preset}, "defaults")["scene"]
+        scene |= {"edge_um": edge, "voxel_size_um": voxel}
+        return costs.twin(preset, packing.plan_scene(sizes, summary, **scene))
+
+    if preset is None:
+        preset = "standard" if cost_of("standard").cpu_s <= PATIENCE_S else "draft"
+    elif preset not in costs.presets:
+        raise InputError(
+            "--preset", f"what '{preset}' costs has not been measured", " or ".join(costs.presets)
+        )
+    return Findings(
+        image, kind, reason, section, summary, radius2d, radius3d, preset, edge, voxel, cost_of(preset)
+    )
+
+
+def _mean_grain(sizes: dict, summary: dict) -> tuple[float, float, float]:
+    """Mean radius in the section and in space, and the radius that a twentieth of the grains exceeds."""
+    dists = list(sizes.values())
+    share = packing.phase_probabilities(
+        np.asarray(summary["fractions"]), [d.mean_volume("f3d") for d in dists]
+    )
+    return (
+        float(share @ [d.mean("f2d") for d in dists]),
+        float(share @ [d.mean("f3d") for d in dists]),
+        float(max(d.quantile(0.95) for d in dists)),
+    )
+
+
+def _rounded(value: float) -> float:
+    """Two digits: more would pretend."""
+    return float(f"{value:.2g}")
+
+
+def check_free(folder: Path, image: Path, force: bool) -> None:
+    """Refuse a folder that holds a study or another image of this name, unless they may be replaced.
+
+    Raises
+    ------
+    InputError
+    """
+    if folder.exists() and not folder.is_dir():
+        raise InputError(folder, "is a file", "give the name of a new folder")
+    copy = folder / image.name
+    there = [folder / name for name in (*CONFIGS, "results") if (folder / name).exists()]
+    there += [copy] if copy.exists() and not (image.exists() and copy.samefile(image)) else []
+    if there and not force:
+        right = "another folder, or --force to replace config and image"
+        raise InputError(there[0], "is there already", right)
+
+
+def write_study(
+    folder: str | Path,
+    found: Findings,
+    *,
+    phases: str | None = None,
+    pore_value: int | None = None,
+    array: str | None = None,
+    force: bool = False,
+) -> Path:
+    """Make a study: a folder with a copy of the image and a commented config that a run accepts.
+
+    Parameters
+    ----------
+    folder : str or Path
+    found : Findings
+    phases, pore_value, array : optional
+        As they were looked at.
+    force : bool
+        Replace the config and the image of a study that is there; results stay.
+
+    Returns
+    -------
+    Path
+        The config.
+
+    Raises
+    ------
+    InputError
+        When the folder holds a study already, and ``force`` is not set.
+    """
+    folder = Path(folder)
+    check_free(folder, found.image, force)
+    name = re.sub(r"[^A-Za-z0-9_-]+", "-", folder.resolve().name).strip("-")[:64]
+    name = "rock" if not name or name in sheet.RESERVED else name
+    image = folder / found.image.name
+    row = {"image": image.name, "kind": found.kind, "pixel_size_um": found.section.pixel_size_um}
+    given = {"phases": phases, "pore_value": pore_value, "array": array}
+    text = config_text(name, row | {k: v for k, v in given.items() if v is not None}, found)
+    resolved(yaml.safe_load(text), "config.yaml")
+    folder.mkdir(parents=True, exist_ok=True)
+    if found.image.resolve() != image.resolve():
+        if found.image.is_dir():
+            shutil.copytree(found.image, image, dirs_exist_ok=force)
+        else:
+            with io.atomic_path(image) as part:
+                shutil.copyfile(found.image, part)
+    config = folder / "config.yaml"
+    io.write_text(config, text)
+    return config
+
+
+def config_text(name: str, row: dict, found: Findings) -> str:
+    """The config of a study as commented YAML; what a key means is what the schema says of it."""
+    properties = schema("config")["properties"]
+
+    def about(key: str, more: str = "", indent: str = "") -> list[str]:
+        part = {"properties": properties}
+        for word in key.split("."):
+            part = part["properties"][word]
+        return _comment(f"{part['description']}. {more}", indent)
+
+    def shown(group: str, key: str) -> list[str]:
+        default = _yaml(properties[group]["properties"][key]["default"])
+        return [*about(f"{group}.{key}"), f"# {group}: {{{key}: {default}}}"]
+
+    diameter = 2 * found.radius3d_um
+    across = diameter / found.voxel_size_um
+    lines = [
+        *(part for line in described(found) for part in _comment(line)),
+        "#",
+        "# Every key, its unit, range and default: config/README.md. When this file is right: grainfall run",
+        "",
+        *about("title"),
+        f"title: {_yaml(name)}",
+        *about("seed"),
+        "seed: 1",
+        *about("preset"),
+        f"preset: {found.preset}",
+        *about("samples"),
+        "samples:",
+        f"  {name}:",
+        *(f"    {key}: {_yaml(value)}" for key, value in row.items()),
+        *about("realizations"),
+        f"realizations: {properties['realizations']['default']}",
+        "",
+        "scene:",
+        *about("scene.edge_um", f"Here {found.edge_um / diameter:.3g} mean grains.", "  "),
+        f"  edge_um: {found.edge_um:g}",
+        *about("scene.voxel_size_um", f"Here {across:.3g} across the mean grain.", "  "),
+        f"  voxel_size_um: {found.voxel_size_um:g}",
+        *about("scene.porosity", indent="  "),
+        "  porosity: null",
+        "",
+        *about("variants"),
+        "variants:",
+        "  full: {}",
+        "",
+        "# Worth a look next (defaults shown):",
+        *shown("packing", "engine"),
+        *shown("flow", "methods"),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _comment(text: str, indent: str = "") -> list[str]:
+    """Text as lines of a comment, whatever it holds."""
+    return textwrap.wrap(text, 100, initial_indent=f"{indent}# ", subsequent_indent=f"{indent}# ")
+
+
+def _yaml(value: object) -> str:
+    """A value on one line as YAML."""
+    return yaml.safe_dump(value, default_flow_style=True, width=10**6).removesuffix("\n...\n").strip()
+
+
+def described(found: Findings) -> list[str]:
+    """What was seen and what it will cost, line by line."""
+    height, width = found.section.phase.shape
+    pixel, names = found.section.pixel_size_um, found.summary["phases"]
+    shares = ", ".join(
+        f"{name} {share:.1%}" for name, share in zip(names[1:], found.summary["fractions"], strict=True)
+    )
+    cost = found.cost
+    beyond = "" if cost.measured else " This one is larger than any measured: the fit is carried on."
+    box = f"a box of {found.edge_um:g} um, voxels of {found.voxel_size_um:g} um"
+    return [
+        f"{found.image.name}: {width} x {height} pixels of {pixel:g} um.",
+        f"Taken for kind {found.kind}: {found.reason}.",
+        f"Porosity {found.summary['porosity']:.4f}; of the solid: {shares}.",
+        f"{found.summary['n_grains']} grains, {found.summary['n_grains_uncut']} of them whole; mean radius "
+        f"{found.radius2d_um:.3g} um in the section, {found.radius3d_um:.3g} um in space.",
+        f"Suggested: preset {found.preset}, {box}.",
+        f"A twin of {cost.grains} grains and {cost.voxels / 1e6:.2g} million voxels takes about "
+        f"{duration(cost.cpu_s)} of one core and {cost.memory_mb / 1024:.1f} GB.",
+        f"That is a fit to {SOURCE}; each twin there is within a factor of {cost.factor:.2g} of what the "
+        f"others let expect of it.{beyond}",
+    ]
+
+
+def duration(seconds: float) -> str:
+    """Seconds as people say them."""
+    if seconds < 100:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"

@@ -1,0 +1,274 @@
+"""The command line: what it makes is valid, what it refuses is one line, and nothing is overwritten."""
+
+import re
+import shutil
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+from PIL import Image
+
+pytest.importorskip("typer")
+
+from grainfall import cli
+from grainfall import config as sheet
+from grainfall.cli import look, study
+from grainfall.cli.costs import Costs
+from grainfall.errors import InputError
+
+
+@pytest.fixture(scope="module")
+def picture(tmp_path_factory):
+    """A section of 64 discs of radius 9 pixels, black and white."""
+    y, x = np.mgrid[:200, :200]
+    discs = np.hypot(y % 25 - 12, x % 25 - 12) < 9
+    path = tmp_path_factory.mktemp("image") / "my section.png"
+    Image.fromarray((255 * discs).astype(np.uint8)).save(path)
+    return path
+
+
+def grainfall(capsys, *arguments):
+    """Status, output and error of a command run in this process."""
+    status = cli.run([str(a) for a in arguments])
+    said = capsys.readouterr()
+    return status, said.out, said.err
+
+
+def test_new_writes_a_study_that_a_run_accepts(capsys, picture, tmp_path):
+    folder = tmp_path / "my rock!"
+    status, said, _ = grainfall(capsys, "new", folder, "--image", picture, "--pixel-size", "1.5um")
+    assert status == 0
+    opened = study.open_study(folder)
+    assert opened.samples["my-rock"]["kind"] == "binary"
+    assert opened.samples["my-rock"]["pixel_size_um"] == 1.5
+    assert (folder / "my section.png").read_bytes() == picture.read_bytes()
+    text = (folder / "config.yaml").read_text()
+    unwrapped = " ".join(line.removeprefix("# ") for line in text.splitlines())
+    assert all(line in unwrapped for line in said.splitlines()[:-1])
+    # 64 whole discs of one size: the section's mean radius is that of a disc
+    assert "64 grains, 64 of them whole" in said
+    assert float(re.search(r"radius ([0-9.]+) um", said).group(1)) == pytest.approx(9 * 1.5, rel=0.03)
+    assert f"Porosity {1 - np.mean(np.asarray(Image.open(picture)) > 0):.4f}" in said
+
+
+def test_the_image_may_lie_in_the_folder_already(capsys, picture, tmp_path):
+    (tmp_path / "a").mkdir()
+    image = shutil.copy(picture, tmp_path / "a")
+    assert grainfall(capsys, "new", tmp_path / "a", "--image", image, "--pixel-size", "1um")[0] == 0
+    (tmp_path / "b").mkdir()
+    (tmp_path / "b" / picture.name).write_text("another")
+    status, _, fault = grainfall(capsys, "new", tmp_path / "b", "--image", picture, "--pixel-size", "1um")
+    assert status == 1
+    assert "is there already" in fault
+    assert (tmp_path / "b" / picture.name).read_text() == "another"
+
+
+def test_every_comment_of_a_new_config_is_the_schemas(capsys, picture, tmp_path):
+    grainfall(capsys, "new", tmp_path / "a", "--image", picture, "--pixel-size", "1um")
+    text = (tmp_path / "a/config.yaml").read_text()
+    flat = " ".join(line.strip(" #") for line in text.splitlines())
+    properties = study.schema("config")["properties"]
+    for key in yaml.safe_load(text):
+        if "description" in properties[key] and "properties" not in properties[key]:
+            assert properties[key]["description"] in flat
+
+
+def test_nothing_is_overwritten(capsys, picture, tmp_path):
+    new = ("new", tmp_path / "a", "--image", picture, "--pixel-size", "1um")
+    assert grainfall(capsys, *new)[0] == 0
+    config = tmp_path / "a/config.yaml"
+    config.write_text(config.read_text() + "# mine\n")
+    (tmp_path / "a/results").mkdir()
+    status, _, fault = grainfall(capsys, *new)
+    assert status == 1
+    assert "--force" in fault
+    assert config.read_text().endswith("# mine\n")
+    assert grainfall(capsys, *new, "--force")[0] == 0
+    assert not config.read_text().endswith("# mine\n")
+    assert (tmp_path / "a/results").is_dir()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["new"], "Missing"),
+        (["nwe"], "No such command 'nwe'"),
+        (["run", "--cores", "many"], "'many' is no number of cores"),
+        (["run", "--cores", "0"], "'0' is no number of cores"),
+        (["run", "{tmp}/nowhere"], "holds no config.yaml"),
+        (["status", "{tmp}"], "holds no config.yaml"),
+        (["view", "{tmp}/valid"], "there is no report yet"),
+        (["export", "{tmp}/valid", "--format", "docx"], "'docx' is not known; one of: mhd"),
+        (["export", "{tmp}/valid", "--format", "mhd", "--twin", "a/b/0"], "'a/b/0' is not in the study"),
+        (["export", "{tmp}/valid", "--format", "mhd"], "twin.zarr.zip: no such file"),
+        (["run", "{tmp}/invalid"], "did you mean 'edge_um'?"),
+        (["run", "{tmp}/garbled"], "is not YAML"),
+        (["new", "{tmp}/x", "--image", "no.png", "--pixel-size", "1um"], "no.png: no such file"),
+        (["new", "{tmp}/x", "--image", "{image}", "--pixel-size", "1 parsec"], "a length like 1.2um"),
+        (["new", "{tmp}/x", "--image", "{image}", "--pixel-size", "0um"], "is no length"),
+        (["new", "{tmp}/x", "--image", "{image}", "--pixel-size", "1um", "--kind", "x"], "'x' is unknown"),
+        (
+            ["new", "{tmp}/x", "--image", "{image}", "--pixel-size", "1um", "--preset", "reference"],
+            "not been",
+        ),
+        (["new", "{tmp}/file", "--image", "{image}", "--pixel-size", "1um"], "is a file"),
+    ],
+)
+def test_mistakes_are_one_line(capsys, picture, tmp_path, arguments, words):
+    for name, text in {
+        "valid": "samples: {a: {kind: synthetic, pixel_size_um: 2}}",
+        "invalid": "samples: {a: {kind: synthetic, pixel_size_um: 2}}\nscene: {edge_mu: 3}",
+        "garbled": "samples: [",
+    }.items():
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "config.yaml").write_text(text)
+    (tmp_path / "file").write_text("")
+    filled = [a.format(tmp=tmp_path, image=picture) for a in arguments]
+    status, _, fault = grainfall(capsys, *filled)
+    assert status in (1, 2)
+    assert words in fault
+    assert fault.startswith("grainfall: ")
+    assert fault.count("\n") == 1
+    assert not (tmp_path / "x").exists()
+
+
+def test_an_unexpected_error_is_one_line_too(capsys, monkeypatch, tmp_path):
+    def fails(*_):
+        raise ZeroDivisionError("of all things\nin two lines")
+
+    monkeypatch.setattr(study, "open_study", fails)
+    status, _, fault = grainfall(capsys, "run", tmp_path)
+    assert (status, fault.count("\n")) == (1, 1)
+    assert "ZeroDivisionError: of all things in two lines" in fault
+    monkeypatch.setenv(cli.TRACE, "1")
+    with pytest.raises(ZeroDivisionError):
+        cli.run(["run", str(tmp_path)])
+
+
+def test_without_a_checkout_the_missing_workflow_is_named(capsys, monkeypatch, tmp_path):
+    monkeypatch.setattr(study.grainfall, "__file__", str(tmp_path / "site-packages/grainfall/__init__.py"))
+    status, _, fault = grainfall(capsys, "run", tmp_path)
+    assert status == 1
+    assert "without its workflow" in fault or "holds no config" in fault
+    with pytest.raises(InputError, match="clone the repository"):
+        study.house()
+
+
+@pytest.mark.parametrize(
+    ("text", "um"),
+    [("1.2um", 1.2), ("1.2 µm", 1.2), ("800nm", 0.8), ("0.02mm", 20.0), ("3", 3.0), ("1e-1um", 0.1)],
+)
+def test_lengths(text, um):
+    assert look.length_um(text) == pytest.approx(um)
+
+
+@pytest.mark.parametrize("text", ["", "um", "1.2.3um", "-1um", "1km", "1um2", "inf", "nan", "1e999um"])
+def test_what_is_no_length(text):
+    with pytest.raises(InputError, match="is no length"):
+        look.length_um(text)
+
+
+def test_a_known_law_is_found_again():
+    """Costs made by a power law and straight lines come back from the fit."""
+    rng = np.random.default_rng(0)
+    table = pd.DataFrame({"preset": ["draft", "standard"] * 4, "grains": rng.uniform(200, 4000, 8).round()})
+    table["voxels"] = rng.uniform(1e5, 4e6, 8)
+    table["solid_fraction"] = 0.6
+    factor = np.where(table.preset == "draft", 0.002, 0.005)
+    table["packing_cpu_s"] = factor * table.grains**1.4
+    table["other_cpu_s"] = 30 + 1e-5 * table.voxels
+    table["peak_rss_mb"] = 300 + 2e-4 * table.voxels
+    costs = Costs(table)
+    assert costs.factor == pytest.approx(1)
+    scene = {
+        "edge_um": 80.0, "margin_um": 10.0, "probabilities": [0.5, 0.5], "mean_volumes_um3": [400.0, 800.0],
+        "shape_zyx": [40, 40, 40],
+    }  # fmt: skip
+    cost = costs.twin("standard", scene)
+    assert cost.grains == 1000  # 0.6 of a cube of 100 um in grains of 600 um3
+    assert cost.cpu_s == pytest.approx(0.005 * 1000**1.4 + 30 + 0.64)
+    assert cost.memory_mb == pytest.approx(300 + 12.8)
+
+
+def test_the_table_of_costs_is_a_measurement():
+    """Of both presets, over a range of sizes, and told better by the fit than by a guess."""
+    costs = Costs.measured()
+    assert set(costs.presets) == {"draft", "standard"}
+    for _, rows in costs.table.groupby("preset"):
+        assert rows.grains.max() > 1.5 * rows.grains.min()
+        assert (rows.packing_cpu_s > 0).all()
+    assert 1 <= costs.factor < 3
+
+
+def test_every_command_is_documented(root):
+    text = (root / "docs/cli.md").read_text()
+    from grainfall.cli.app import app
+
+    for command in app.registered_commands:
+        assert f"`grainfall {command.callback.__name__}" in text
+
+
+def test_a_checkout_is_a_study(root):
+    opened = study.open_study(root)
+    assert opened.file == root / "config/config.yaml"
+    assert opened.twins[0] == ("demo", "full", 0)
+
+
+def test_what_a_run_says_is_understood():
+    known = study.Followed()
+    for line in ("total   56", "rule morphology:", "3 of 56 steps (5%) done", "localrule all:"):
+        known.read(line)
+    assert (known.done, known.total, known.rule, known.fault) == (3, 56, "all", "")
+    known.read("grainfall: a.png: truncated; copy it again")
+    known.read("grainfall: another")
+    assert known.fault == "a.png: truncated; copy it again"
+
+
+def test_export_replaces_only_by_force(capsys, tmp_path):
+    folder = tmp_path / "valid"
+    twin = folder / "results/a/full/0"
+    (twin / "export").mkdir(parents=True)
+    (folder / "config.yaml").write_text("samples: {a: {kind: synthetic, pixel_size_um: 2}}")
+    columns = ["id", "kind", "phase", "shape", "scale", "x", "y", "z"]
+    pd.DataFrame([[0, "grain", 1, 0, 5.0, 1, 2, 3]], columns=columns).to_csv(twin / "bodies.csv", index=False)
+    (twin / "export/grains.data").write_text("mine")
+    status, _, fault = grainfall(capsys, "export", folder, "--format", "lammps")
+    assert status == 1
+    assert "--force" in fault
+    assert (twin / "export/grains.data").read_text() == "mine"
+    assert grainfall(capsys, "export", folder, "--format", "lammps", "--force")[0] == 0
+    assert "1 atoms" in (twin / "export/grains.data").read_text()
+    assert [path.name for path in (twin / "export").iterdir()] == ["grains.data"]
+    status, said, _ = grainfall(capsys, "export", folder)
+    assert status == 0
+    assert "statoil" in said
+
+
+@pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")
+def test_documentation_builds_without_a_warning(root, tmp_path):
+    pytest.importorskip("sphinx")
+    from sphinx.cmd.build import main
+
+    assert main(["-W", "-q", "-b", "html", str(root / "docs"), str(tmp_path)]) == 0
+    keys = (tmp_path / "config.html").read_text()
+    assert "morphology.grain_persistence" in keys
+    assert "s2_inside_envelope" in (tmp_path / "results.html").read_text()
+    library = (tmp_path / "api.html").read_text()
+    modules = sorted((root / "src/grainfall").iterdir())
+    chapters = {m.stem for m in modules if not m.name.startswith("_")} - {"cli"}
+    assert {c for c in chapters if f'id="module-grainfall.{c}"' not in library} == set()
+
+
+def test_study_can_be_made_from_a_zarr_folder(capsys, tmp_path):
+    import zarr
+
+    y, x = np.mgrid[:100, :100]
+    discs = (np.hypot(y % 25 - 12, x % 25 - 12) < 9).astype(np.uint8)
+    zarr.create_group(tmp_path / "s.zarr").create_array("phase", data=discs)
+    image = tmp_path / "s.zarr"
+    status, _, fault = grainfall(capsys, "new", tmp_path / "a", "--image", image, "--pixel-size", "1um")
+    assert (status, fault) == (0, "")
+    shutil.rmtree(image)
+    assert sheet.load_yaml(tmp_path / "a/config.yaml")["samples"]["a"]["image"] == "s.zarr"
+    assert study.open_study(tmp_path / "a").samples
