@@ -766,19 +766,21 @@ def _k_axes(axes, cases: Cases) -> None:
 
 @styled
 def cv_sweep(cases: Cases) -> Figure | None:
-    """Mean radius, K and K over its square against the spread of sizes, with the inversion and without."""
+    """Mean radius, K, K/R² and K over the squared Sauter radius against the spread of sizes."""
     paths = sorted((cases.root / "cv_sweep").glob("*/*.csv"))
     if not paths:
         return None
     table = pd.concat([io.read_table(p) for p in paths])
     table["k_over_r2"] = table["k_md"] / table["r_um"] ** 2
+    table["k_over_rs2"] = table["k_md"] / table["r_sauter_um"] ** 2
     truth = table[table["variant"] == "truth"].set_index(["cv", "truth"])
-    figure = Figure(figsize=(WIDTH, 2.9))
-    panels = figure.subplots(1, 3)
+    figure = Figure(figsize=(WIDTH, 2.7))
+    panels = figure.subplots(1, 4)
     names = (("r_um", "mean radius over the truth's"), ("k_md", "K over the truth's"),
-             ("k_over_r2", "K/R² over the truth's"))  # fmt: skip
+             ("k_over_r2", "K/R² over the truth's"),
+             ("k_over_rs2", "K/R₃₂² over the truth's"))  # fmt: skip
     looks = (("full", TWIN, "o", "with the inversion"), ("no_inversion", FIRST, "s", "without"))
-    for axes, letter, (column, label) in zip(panels, "abc", names, strict=True):
+    for axes, letter, (column, label) in zip(panels, "abcd", names, strict=True):
         for shift, (variant, colour, mark, name) in zip((-0.006, 0.006), looks, strict=True):
             own = table[table["variant"] == variant].set_index(["cv", "truth"])
             ratio = (own[column] / truth[column]).groupby("cv")
@@ -943,8 +945,9 @@ FIGURES: dict[str, Drawn] = {
     "cv_sweep": Drawn(
         cv_sweep,
         "-",
-        "Spheres: what the section says of the mean radius, and K and K/R² of packs of those sizes, "
-        "against the spread of the true radii; with the inversion and without.",
+        "Spheres: what the section says of the mean radius, and K of packs of those sizes, as "
+        "it is and over the squares of their mean and of their Sauter radius (volume to surface), against "
+        "the spread of the true radii; with the inversion and without.",
     ),
 }
 """Every figure of the validation page by its name, in the order of the paper."""

@@ -79,6 +79,9 @@ QUANTITIES: dict[str, Quantity] = {
     "k_of_full": Quantity("permeability over that of the full method, same numbers drawn"),
     "k_over_r2": Quantity("permeability over the squared mean grain radius", "mD/µm²"),
     "k_over_r2_ratio": Quantity("the same over the truth's"),
+    "k_over_rs2_ratio": Quantity(
+        "permeability over the squared Sauter (volume to surface) radius, over the truth's"
+    ),
     "k_at_equal_n": Quantity(
         "permeability over the truth's, both scaled to equally many grains in a volume (size taken out)"
     ),
@@ -318,7 +321,10 @@ def _of_sweep(root: Path) -> list[tuple]:
             values = {
                 "r_mean_ratio": row["r_um"] / true["r_um"],
                 "k_ratio": row["k_md"] / true["k_md"],
-                "k_over_r2_ratio": row["k_md"] / row["r_um"] ** 2 / (true["k_md"] / true["r_um"] ** 2),
+                **{
+                    name: row["k_md"] / row[r] ** 2 / (true["k_md"] / true[r] ** 2)
+                    for name, r in (("k_over_r2_ratio", "r_um"), ("k_over_rs2_ratio", "r_sauter_um"))
+                },
             }
             rows += [
                 ("cv_sweep", f"truth_{n}", variant, 0, f"{quantity}@cv{cv}", value, 1.0)
