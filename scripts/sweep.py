@@ -18,6 +18,9 @@ with stage(snakemake) as progress:
         "realization": int(origin.truth),
     }
 
+    def room(radii):
+        return max(edge, int(np.ceil(4.2 * radii.max())))  # two of the largest spheres fit beside each other
+
     def glass(radii):
         return Mineral("glass", 1.0, radii.mean(), 0.0, 0.0, radii)
 
@@ -33,7 +36,7 @@ with stage(snakemake) as progress:
 
     # quantiles of a gamma distribution: the tail of a lognormal one would not fit into the box
     quantiles = stats.gamma.ppf((np.arange(1000) + 0.5) / 1000, 1 / cv**2, scale=radius * cv**2)
-    truth = spheres("section/synthetic", (edge, *sweep["section"]), glass(quantiles))
+    truth = spheres("section/synthetic", (room(quantiles), *sweep["section"]), glass(quantiles))
     phase, grain = truth.section(0.5)
     seen = morphology.analyse(phase, 0.5, instances=grain).grains
     sizes = stereology.unfold_table(seen, method="adaptive", bootstrap=0)
