@@ -91,10 +91,10 @@ NETWORKS = {
     "shape_factor": ("persistence", "shape_factor", 0.2, 1e-6),
     "snow2": ("snow2", "pyramids", 0.25, 1e-6),
 }
-"""Extraction, conductance, how well it knows ducts 12 and 16 voxels wide, and how far its solution is carried.
+"""Extraction, conductance, how well it knows ducts 12 and 16 voxels wide, and how far its solution goes.
 
-A disc of voxels has 3 % more area than the circle, inscribed circles are known to half a voxel, and snow2 makes
-one long pore of a duct."""
+A disc of voxels has 3 % more area than the circle, inscribed circles are known to half a voxel, and snow2
+makes one long pore of a duct."""
 
 
 @pytest.fixture(params=NETWORKS, scope="module")
