@@ -87,18 +87,20 @@ class TestNetworkOfKnownConductance:
 
 
 NETWORKS = {
-    "local": ("persistence", "local", 0.07),
-    "shape_factor": ("persistence", "shape_factor", 0.2),
-    "snow2": ("snow2", "pyramids", 0.25),
+    "local": ("persistence", "local", 0.07, 1e-4),
+    "shape_factor": ("persistence", "shape_factor", 0.2, 1e-6),
+    "snow2": ("snow2", "pyramids", 0.25, 1e-6),
 }
-"""Extraction, conductance, and how well it knows ducts 12 and 16 voxels wide: a disc of voxels has 3 % more
-area than the circle, inscribed circles are known to half a voxel, and snow2 makes one long pore of a duct."""
+"""Extraction, conductance, how well it knows ducts 12 and 16 voxels wide, and how far its solution goes.
+
+A disc of voxels has 3 % more area than the circle, inscribed circles are known to half a voxel, and snow2
+makes one long pore of a duct."""
 
 
 @pytest.fixture(params=NETWORKS, scope="module")
 def through(request):
-    """Permeability by a network, and its accuracy."""
-    extraction, conductance, accuracy = NETWORKS[request.param]
+    """Permeability by a network, its accuracy, and that of its solution."""
+    extraction, conductance, accuracy, solution = NETWORKS[request.param]
     if extraction == "snow2":
         pytest.importorskip("porespy")
         pytest.importorskip("openpnm")
@@ -107,7 +109,7 @@ def through(request):
         found = network.extract(pore, voxel_um, extraction)
         return flow.permeability(pore, voxel_um, conductance=conductance, network=found)
 
-    return measure, accuracy
+    return measure, accuracy, solution
 
 
 class TestVoxelDucts:
@@ -136,12 +138,12 @@ class TestVoxelDucts:
         one = duct(12, 40, (56, 16))
         two = one | duct(12, 40, (56, 16), corner=(30, 2))
         k = [through[0](p)["k_md"][0] for p in (one, two)]
-        assert k[1] == pytest.approx(2 * k[0], rel=1e-4)
-        assert k[1] == pytest.approx(straight["k_md"][0], rel=1e-4)
+        assert k[1] == pytest.approx(2 * k[0], rel=through[2])
+        assert k[1] == pytest.approx(straight["k_md"][0], rel=through[2])
 
     def test_turned_duct_turns_the_answer(self, straight, through):
         turned = through[0](np.moveaxis(duct(12, 40, (28, 16)), (0, 1, 2), (2, 1, 0)))
-        assert turned["k_md"].tolist() == pytest.approx(straight["k_md"].tolist()[::-1], rel=1e-4)
+        assert turned["k_md"].tolist() == pytest.approx(straight["k_md"].tolist()[::-1], rel=through[2])
 
     def test_permeability_scales_with_the_square_of_the_voxel(self, straight, through):
         larger = through[0](duct(12, 40, (28, 16)), 3.0)
@@ -151,7 +153,7 @@ class TestVoxelDucts:
     def test_an_isolated_pore_changes_nothing(self, straight, through):
         pore = duct(12, 40, (28, 16))
         pore[18:24, 5:11, 10:16] = True
-        assert through[0](pore)["k_md"].tolist() == pytest.approx(straight["k_md"].tolist(), rel=1e-4)
+        assert through[0](pore)["k_md"].tolist() == pytest.approx(straight["k_md"].tolist(), rel=through[2])
 
     def test_a_plug_stops_the_flow(self, through):
         pore = duct(12, 40, (16, 16))
