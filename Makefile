@@ -27,7 +27,7 @@ $(VENV)/.ready: requirements.lock pyproject.toml
 	$(PYTHON) -m pip --python $(BIN)/python install --disable-pip-version-check --no-deps --no-build-isolation -q -e .
 	@touch $@
 
-cases: $(addprefix case-,$(CASES)) $(if $(IMAGE),thin-section)  ## the validation cases (days on two cores; goes on where it was stopped), then the page
+cases: $(addprefix case-,$(CASES)) $(if $(IMAGE),thin-section)  ## the validation cases (a day on two cores; goes on where it was stopped), then the page
 
 # What is finished goes into results/validation.html, also where the case stops half-way.
 case-%: $(VENV)/.ready  ## one case: make case-stereology; fewer twins: make case-stereology REALIZATIONS=1
