@@ -51,7 +51,8 @@ with stage(snakemake) as progress:
                 edge, int(np.ceil(4.2 * drawn.max()))
             )  # an unfolded tail may be longer than the truth's
             pack = spheres("packing", (box,) * 3, glass(np.sort(drawn)))
-        cube, r = pack.cube(edge), pack.sizes().r_um
+        # of a pack all of its periodic box, which has the porosity to a voxel
+        cube, r = pack.cube(edge) if pack is truth else pack.phase, pack.sizes().r_um
         along = flow.permeability(cube == 0, 1.0, "network").k_md
         rows.append(
             {
