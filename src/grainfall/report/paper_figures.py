@@ -75,8 +75,10 @@ class Cases:
         return [path.with_name(path.name.removesuffix("_pores.csv")) for path in found]
 
     def twin(self, case: str, variant: str = "full") -> Results | None:
-        """The first finished twin of a case."""
+        """The first twin of a case of which there is all that figures show."""
         for path in self.paths(case, f"{variant}/*/metrics.csv"):
+            if not path.with_name("second").joinpath("volume.zarr.zip").exists():
+                continue
             return Results(self.root, path.parents[2].name, variant, int(path.parent.name))
         return None
 
