@@ -363,6 +363,7 @@ def _sample1(cases: Cases, variant: str) -> Figure | None:
     for axes in left:
         _bar(axes, edge)
     truth, bodies = r.table("sample:truth_sizes.csv"), grains_inside(r)
+    room = r.json("twin:cement.json").get("room", 1.0)  # a cemented grain is as large as before
     seen = [r.table("sample:grains2d.csv"), r.table("twin:grains2d.csv")]
     for column, phase in enumerate((1, 2)):
         colour = MINERALS[phase - 1]
@@ -371,7 +372,7 @@ def _sample1(cases: Cases, variant: str) -> Figure | None:
         edges = np.linspace(0, last, 22)
         of = [t[(t["phase"] == phase) & (t["weight"] > 0)] for t in seen]
         _histograms(top, [(t["r_um"], t["weight"]) for t in of], edges, colour)
-        own = bodies[(bodies["kind"] == "grain") & (bodies["phase"] == phase)]["scale"]
+        own = bodies[(bodies["kind"] == "grain") & (bodies["phase"] == phase)]["scale"] / room
         _histograms(bottom, [(truth.loc[truth["phase"] == phase, "r_um"], None), (own, None)], edges, colour)
         _letter(top, "cd"[column], f"{r.phases[phase]}, 2D")
         _letter(bottom, "ef"[column], f"{r.phases[phase]}, 3D")

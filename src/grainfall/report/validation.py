@@ -250,6 +250,8 @@ def _of_twin(folder: Path, truth: Mapping, sample: str) -> dict[str, tuple]:
     }
     if "grains" in truth and "k" in truth:
         bodies = io.read_table(folder / "bodies.csv")
+        # a cemented grain is as large as it was before room was made for its rim
+        bodies["scale"] /= io.read_json(folder / "cement.json").get("room", 1.0)
         found |= _grain_figures(bodies[bodies["kind"] == "grain"], truth["grains"], k["md"], k_ref["md"])
         # everything scales with the distance of the grains: K times the 2/3 power of their number does not
         box = (4 / 3 * np.pi * truth["grains"]["r_um"] ** 3).sum() / (1 - held)
