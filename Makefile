@@ -6,8 +6,11 @@ BIN := $(VENV)/bin
 SNAKEMAKE := $(BIN)/snakemake --profile workflow/profiles/local --cores $(CORES)
 # A path comes to the shell as a variable of its own, so that nothing in its name is run.
 override export IMAGE := $(value IMAGE)
+BEREA ?= $(wildcard ../shared/data/berea/berea_400_pore1.tif)
+export BEREA
+CASES := stereology virtual_spheres virtual_spheres_deep berea xct cv_sweep
 
-.PHONY: demo test lint format docs thin-section engines report bench-costs bench-stereology bench-segmentation bench-engines bench-creep bench-packing bench-decomposition bench-network bench-permeability hard-cases faults verify clean
+.PHONY: demo test lint format docs cases validation thin-section engines report bench-costs bench-stereology bench-segmentation bench-engines bench-creep bench-packing bench-decomposition bench-network bench-permeability hard-cases faults verify clean
 
 demo: $(VENV)/.ready  ## the embedded demo, to results/summary.csv and results/report.html
 	$(SNAKEMAKE)
@@ -23,6 +26,21 @@ $(VENV)/.ready: requirements.lock pyproject.toml
 	$(PYTHON) -m pip --python $(BIN)/python install --disable-pip-version-check --no-deps -r requirements.lock
 	$(PYTHON) -m pip --python $(BIN)/python install --disable-pip-version-check --no-deps --no-build-isolation -q -e .
 	@touch $@
+
+cases: $(addprefix case-,$(CASES)) $(if $(IMAGE),thin-section)  ## the validation cases (a day on two cores; goes on where it was stopped), then the page
+
+# What is finished goes into results/validation.html, also where the case stops half-way.
+case-%: $(VENV)/.ready  ## one case: make case-stereology; fewer twins: make case-stereology REALIZATIONS=1
+	$(SNAKEMAKE) --keep-going --configfile config/cases/$*.yaml \
+		$(if $(REALIZATIONS)$(and $(filter berea,$*),$(BEREA)),--config) \
+		$(if $(REALIZATIONS),realizations=$(REALIZATIONS)) \
+		$(if $(and $(filter berea,$*),$(BEREA)),"data={\"berea\": {\"source\": \"$$BEREA\"}}") \
+		-- case; status=$$?; $(VALIDATION) && exit $$status
+
+VALIDATION = $(SNAKEMAKE) --configfile config/cases/stereology.yaml -- validation
+
+validation: $(VENV)/.ready  ## table and page of whatever of the cases is finished
+	$(VALIDATION)
 
 thin-section: $(VENV)/.ready  ## a real section: make thin-section IMAGE=path/to/miocene_20_2_instances.npz
 	@test -n "$$IMAGE" || { echo "say which image: make thin-section IMAGE=path/to/instances.npz"; exit 1; }

@@ -21,6 +21,7 @@ include: "workflow/rules/volume.smk"
 include: "workflow/rules/correlation.smk"
 include: "workflow/rules/network.smk"
 include: "workflow/rules/report.smk"
+include: "workflow/rules/validation.smk"
 
 
 rule all:

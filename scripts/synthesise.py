@@ -1,4 +1,4 @@
-"""The demo's own rock: its section, the reference cube and the true grain sizes."""
+"""A synthetic rock: its section, the reference cube and the true grain sizes."""
 
 from _stage import stage
 
@@ -6,23 +6,25 @@ from grainfall import io, random
 from grainfall.section import Mineral, Section, synthesise, write_section
 
 with stage(snakemake) as progress:
-    spec = snakemake.params.settings["synthetic"]
+    rock = dict(snakemake.params.rock)
+    pixel = snakemake.params.row["pixel_size_um"]
+    edge, outlined = rock.pop("reference_edge"), rock.pop("outlined")
+    exact = rock["porosity"] or rock["packed_porosity"]
     truth = synthesise(
         random.generator(**snakemake.params.stream, chapter="section/synthetic"),
-        spec["shape"],
-        snakemake.params.row["pixel_size_um"],
-        [Mineral(**mineral) for mineral in spec["minerals"]],
-        solid_fraction=spec["solid_fraction"],
-        dissolved=spec["dissolved"],
+        rock.pop("shape"),
+        rock.pop("voxel_size_um") or pixel,
+        [Mineral(**mineral) for mineral in rock.pop("minerals")],
+        **rock,
     )
+    phase, grain = truth.section(pixel)
     write_section(
         snakemake.output.section,
-        Section(truth.section(), truth.voxel_size_um, truth.phases, None, None, {"source": "synthetic"}),
+        Section(phase, pixel, truth.phases, grain if outlined else None, None, {"source": "synthetic"}),
     )
-    edge = spec["reference_edge"]
     io.write_volume(
         snakemake.output.reference,
-        {"phase": truth.phase[:edge, :edge, :edge]},
+        {"phase": truth.cube(edge) if exact else truth.phase[:edge, :edge, :edge]},
         truth.voxel_size_um,
         {"phases": list(truth.phases), "seed": snakemake.params.stream["seed"]},
     )

@@ -15,7 +15,9 @@ from jsonschema import Draft202012Validator
 from grainfall.errors import InputError
 
 VARIANT_KEYS = ("scene", "packing", "effects", "feedback", "network", "flow")
-RESERVED = ("accuracy", "benchmarks", "figures", "grains3d", "logs")
+RESERVED = (
+    "accuracy", "benchmarks", "cv_sweep", "data", "figures", "grains3d", "logs", "tomogram", "validation",
+)  # fmt: skip
 """Folders of results that no sample and no variant may be named after."""
 
 MAX_NODES = 20_000
@@ -241,6 +243,32 @@ def variant(whole: dict, name: str) -> dict:
     return merge(whole, whole["variants"][name])
 
 
+def synthesis(whole: dict, row: dict, schema: dict, where: str) -> dict:
+    """The ``synthetic`` keys as one sample sees them: its own over the config's.
+
+    Raises
+    ------
+    InputError
+        When the sample's own do not fit the schema of the config.
+    """
+    check({"samples": "-", "synthetic": row.get("synthetic") or {}}, schema, where)
+    return merge(whole["synthetic"], row.get("synthetic"))
+
+
+def check_data(samples: dict[str, dict], data: dict) -> None:
+    """Every sample of kind slice names an entry of ``data``; no other one does.
+
+    Raises
+    ------
+    InputError
+        For the first sample that does not.
+    """
+    for name, row in samples.items():
+        if row["kind"] == "slice" and row["data"] not in data:
+            known = ", ".join(data) or "none is there: add it"
+            raise InputError(f"config: sample {name}", f"data '{row['data']}' is unknown", f"one of: {known}")
+
+
 def read_samples(samples: str | dict, schema: dict) -> dict[str, dict]:
     """The sample sheet as a mapping of name to values.
 
@@ -334,10 +362,15 @@ def _number(text: str, where: str, kind: str) -> float | int:
 
 
 def _check_sample(row: dict, where: str) -> None:
-    if "pixel_size_um" not in row:
+    if "pixel_size_um" not in row and row["kind"] != "slice":
         raise InputError(where, "pixel_size_um is missing", "the edge of a pixel in micrometres")
     parse_phases(row.get("phases"))
     if row["kind"] == "synthetic":
+        return
+    if row["kind"] == "slice":
+        for key, right in (("data", "an entry of the config's data"), ("slice", "axis and plane: z200")):
+            if key not in row:
+                raise InputError(where, f"{key} is missing", right)
         return
     if not row.get("image"):
         raise InputError(where, "image is missing", "the path of the section")

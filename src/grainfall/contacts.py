@@ -87,8 +87,8 @@ def find_contacts(
         nothing; empty without ``forces``); gap_um (negative: depth of penetration).
     """
     grains = bodies[bodies["kind"] == "grain"]
-    limit = tolerance * 2 * grains["scale"].mean() if len(grains) else 0.0
     rest = grains if packed is None else packed[packed["id"].isin(grains["id"])]
+    limit = tolerance * 2 * rest["scale"].mean() if len(rest) else 0.0
     shapes = library if parameters is None else collided(library, grains["shape"], parameters)
     pairs = closest_points(rest, shapes, limit)
     pairs = pairs[pairs["gap_um"] <= limit].reset_index(drop=True)

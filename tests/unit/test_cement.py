@@ -129,7 +129,13 @@ def test_slabs_do_not_show():
 
 # ---- from the packing to the twin
 
-SCENE = {"shape_zyx": [64, 64, 64], "voxel_size_um": 1.0, "phases": ["pore", "quartz", "feldspar"]}
+SCENE = {
+    "shape_zyx": [64, 64, 64],
+    "voxel_size_um": 1.0,
+    "margin_um": 0.0,  # the lattice ends with the region: no room is made
+    "mean_diameter_um": 20.0,
+    "phases": ["pore", "quartz", "feldspar"],
+}
 NEEDED = {"called_for": True, "on": True}
 
 
@@ -189,3 +195,25 @@ def test_a_section_shows_rims_as_the_grains_mineral():
     mineral = bodies.set_index("id")["phase"]
     rim = phase == CEMENT
     np.testing.assert_array_equal(seen[rim], mineral.loc[body[rim] - 1])
+
+
+def test_room_is_made_so_that_cemented_grains_have_the_sizes_of_the_section():
+    """A lattice of balls far beyond the region: shrunk and cemented, a ball with its rim is as it was."""
+    at = 32 * (np.arange(-2, 4) + 0.5)
+    x, y, z = (c.ravel() for c in np.meshgrid(at, at, at, indexing="ij"))
+    first, _ = lattice()
+    bodies = pd.concat([first.iloc[[0]]] * x.size, ignore_index=True).assign(
+        id=np.arange(x.size), x=x, y=y, z=z
+    )
+    scene = {**SCENE, "margin_um": 64.0, "porosity_target": 0.6}
+    shrunk, factor = volume.make_room(bodies, scene, PLAIN)
+    assert factor == pytest.approx(((1 - PLAIN) / 0.4) ** (1 / 3))
+    # grains in a volume: as many as the solid holds grains of the size before
+    spacing = np.sort(np.unique(shrunk["x"].round(6)))
+    assert np.diff(spacing) == pytest.approx(32 * factor)
+    assert 0.4 * (32 * factor) ** 3 == pytest.approx(4 / 3 * np.pi * 10**3)
+    assert shrunk["scale"].to_numpy() == pytest.approx(factor * bodies["scale"].to_numpy())
+    # a bed that hardly reaches beyond the region keeps covering it
+    _, factor = volume.make_room(bodies, {**scene, "margin_um": 12.0}, PLAIN)
+    assert factor == pytest.approx((32 + 10) / (32 + 12))
+    assert volume.make_room(bodies, {**scene, "margin_um": 0.0}, PLAIN)[1] == 1.0

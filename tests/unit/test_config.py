@@ -196,3 +196,33 @@ def test_environments_are_in_step(root):
 def test_no_download_address_is_locked(root):
     for file in (root / "requirements.lock", root / "pyproject.toml", *sorted((root / "envs").iterdir())):
         assert "://" not in file.read_text(), file
+
+
+def test_a_sample_has_its_own_synthetic_rock(schema):
+    whole = config.resolve({"samples": "s.tsv", "synthetic": {"exponent": 2}}, schema, {})
+    rock = config.synthesis(whole, {"synthetic": {"porosity": 0.5}}, schema, "here")
+    assert (rock["exponent"], rock["porosity"]) == (2, 0.5)
+    assert whole["synthetic"]["porosity"] is None
+    with pytest.raises(InputError, match="did you mean 'porosity'"):
+        config.synthesis(whole, {"synthetic": {"porosty": 0.5}}, schema, "here")
+
+
+def test_a_slice_names_its_volume(sample_schema):
+    rows = config.read_samples({"a": {"kind": "slice", "data": "rock", "slice": "z3"}}, sample_schema)
+    config.check_data(rows, {"rock": {}})
+    with pytest.raises(InputError, match="data 'rock' is unknown"):
+        config.check_data(rows, {})
+    with pytest.raises(InputError, match="slice is missing"):
+        config.read_samples({"a": {"kind": "slice", "data": "rock"}}, sample_schema)
+
+
+def test_every_case_is_a_valid_config(root, schema, sample_schema):
+    presets = config.load_yaml(root / "config/presets.yaml")
+    for path in sorted((root / "config/cases").glob("*.yaml")):
+        whole = config.resolve(config.load_yaml(path), schema, presets)
+        if path.stem == "thin_section" or isinstance(whole["samples"], str):
+            continue  # their section is named on the command line, their sheet by the working directory
+        samples = config.read_samples(whole["samples"], sample_schema)
+        config.check_data(samples, whole["data"])
+        for row in samples.values():
+            config.synthesis(whole, row, schema, path.name)

@@ -450,7 +450,7 @@ def test_a_figure_without_its_files_is_a_sentence(tmp_path):
 
 
 def test_save_figure_refuses_other_formats(tree, tmp_path):
-    with pytest.raises(ValueError, match=r"\.svg or \.png"):
+    with pytest.raises(ValueError, match=r"\.svg, \.pdf or \.png"):
         save_figure(figure_files(tree, "demo", "full", 0)["sizes"].draw(), tmp_path / "figure.gif")
 
 

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from scipy.ndimage import distance_transform_edt
+from skimage.measure import regionprops
 
 from grainfall.errors import InputError
 from grainfall.section import Mineral, synthesise
@@ -60,6 +62,9 @@ def test_same_seed_same_rock(truth):
         ({"solid_fraction": 0.7}, "solid_fraction"),
         ({"dissolved": 1.0}, "dissolved"),
         ({"minerals": []}, "minerals"),
+        ({"packed_porosity": 1.2}, "packed_porosity"),
+        ({"packed_porosity": 0.4, "porosity": 0.3}, "dissolution opens pores only"),
+        ({"porosity": 0.5, "dissolved": 0.1}, "dissolved"),
         ({"shape": (16, 16, 16)}, "largest grains wide"),
     ],
 )
@@ -67,3 +72,90 @@ def test_refuses_what_cannot_be_made(change, words):
     given = {"shape": (96, 96, 96), "voxel_size_um": 1.0, "minerals": MINERALS} | change
     with pytest.raises(InputError, match=words):
         synthesise(np.random.default_rng(0), **given)
+
+
+SHAPE = (96, 96, 96)
+
+
+@pytest.fixture(scope="module")
+def grown():
+    return synthesise(np.random.default_rng(5), SHAPE, 1.0, MINERALS, packed_porosity=0.227)
+
+
+def test_growth_meets_the_porosity_to_a_voxel(grown):
+    assert np.count_nonzero(grown.phase == 0) == round(0.227 * grown.phase.size)
+    s2_0 = (grown.phase > 0).mean()  # S2 at lag 0 is the solid fraction
+    assert s2_0 == pytest.approx(1 - 0.227, abs=1e-6)
+
+
+def test_grown_grains_have_the_sizes_asked_for(grown):
+    sizes = grown.sizes()
+    for number, mineral in enumerate(MINERALS, start=1):
+        r = sizes.r_um[sizes.phase == number]
+        assert r.mean() == pytest.approx(mineral.radius_um, rel=4 * mineral.cv / np.sqrt(len(r)) + 0.03)
+        assert r.std() / r.mean() == pytest.approx(mineral.cv, rel=0.35)
+    share = (grown.phase == 1).sum() / (grown.phase > 0).sum()
+    assert share == pytest.approx(0.7, abs=0.03)
+
+
+@pytest.mark.parametrize("vug", [0.0, 18.0])
+def test_dissolution_meets_the_porosity_to_a_voxel(vug):
+    rock = {"packed_porosity": 0.36, "porosity": 0.4304, "vug_radius_um": vug}
+    packed = synthesise(np.random.default_rng(5), SHAPE, 1.0, MINERALS, packed_porosity=0.36)
+    truth = synthesise(np.random.default_rng(5), SHAPE, 1.0, MINERALS, **rock)
+    assert np.count_nonzero(truth.phase == 0) == round(0.4304 * truth.phase.size)
+    left = truth.grain > 0
+    assert (truth.grain[left] == packed.grain[left]).all()
+    # whole grains go, all but the last one
+    went = np.unique(packed.grain[(packed.grain > 0) & ~left])
+    assert sum((truth.grain == g).any() for g in went) <= 1
+
+
+def test_vugs_are_larger_pores_than_single_grains_leave():
+    """At one porosity, a point of the pore space is farther from the nearest grain."""
+    distance = []
+    for vug in (0.0, 25.0):
+        rock = {"packed_porosity": 0.36, "porosity": 0.45, "vug_radius_um": vug}
+        truth = synthesise(np.random.default_rng(5), SHAPE, 1.0, MINERALS, **rock)
+        distance.append(distance_transform_edt(truth.phase == 0)[truth.phase == 0].mean())
+    assert distance[1] > 1.15 * distance[0]
+
+
+def test_spheres_are_spheres():
+    """Exponent 2 without elongation: sections are discs, 3 d of area pi r^2 about their box's middle."""
+    balls = [Mineral("glass", 1.0, 9.0, 0.0, 0.0)]
+    truth = synthesise(np.random.default_rng(1), SHAPE, 1.0, balls, exponent=2, solid_fraction=0.3)
+    assert truth.sizes().r_um.to_numpy() == pytest.approx(9.0, rel=0.02)
+    _, grain = truth.section(0.25)
+    inside = [r for r in regionprops(grain) if min(r.bbox[:2]) > 0 and max(r.bbox[2:]) < 4 * 96]
+    assert len(inside) > 10
+    for disc in inside:
+        if disc.area > 1000:
+            assert disc.area == pytest.approx(
+                np.pi / 4 * disc.axis_major_length * disc.axis_minor_length, rel=0.02
+            )
+            assert disc.axis_minor_length == pytest.approx(disc.axis_major_length, rel=0.06)
+
+
+def test_section_is_a_plane_of_the_truth(grown):
+    phase, grain = grown.section()
+    assert (phase == grown.phase[48]).all()
+    assert (grain == grown.grain[48]).all()
+    fine, _ = grown.section(0.25)
+    assert fine.shape == (384, 384)
+    assert (fine == 0).mean() == pytest.approx((phase == 0).mean(), abs=0.01)
+    with pytest.raises(InputError, match="does not divide"):
+        grown.section(0.7)
+
+
+def test_same_numbers_same_truth(grown):
+    again = synthesise(np.random.default_rng(5), SHAPE, 1.0, MINERALS, packed_porosity=0.227)
+    assert (again.grain == grown.grain).all()
+    other = synthesise(np.random.default_rng(6), SHAPE, 1.0, MINERALS, packed_porosity=0.227)
+    assert (other.grain != grown.grain).any()
+
+
+def test_the_cube_stands_for_the_whole(grown):
+    cubes = [abs((grown.cube(e) == 0).mean() - 0.227) for e in (32, 64)]
+    assert max(cubes) < 0.02
+    assert grown.cube(96).shape == SHAPE

@@ -67,14 +67,31 @@ try:
         config, CONFIG_SCHEMA, sheet.load_yaml(HOUSE / "config/presets.yaml")
     )
     SAMPLES = sheet.read_samples(CONFIG["samples"], SAMPLE_SCHEMA)
+    sheet.check_data(SAMPLES, CONFIG["data"])
+    SYNTHESES = {
+        name: sheet.synthesis(CONFIG, row, CONFIG_SCHEMA, f"config: sample {name}")
+        for name, row in SAMPLES.items()
+        if row["kind"] == "synthetic"
+    }
 except InputError as fault:
     raise WorkflowError(str(fault))
 
 VARIANTS = {name: sheet.variant(CONFIG, name) for name in CONFIG["variants"]}
 REALIZATIONS = range(CONFIG["realizations"])
-SYNTHETIC = [name for name, row in SAMPLES.items() if row["kind"] == "synthetic"]
+SLICES = [name for name, row in SAMPLES.items() if row["kind"] == "slice"]
 REFERENCED = [
-    name for name, row in SAMPLES.items() if row.get("reference") or name in SYNTHETIC
+    name
+    for name, row in SAMPLES.items()
+    if row.get("reference") or name in SYNTHESES or name in SLICES
+]
+
+TOMOGRAMS = list(SYNTHESES) if CONFIG["case"] == "xct" else []
+# Volumes that are measured as a 3D reference is, by their folder: references of samples, what was fetched,
+# tomograms. Slices of one volume share its measurements.
+MEASURED = [
+    *(name for name in REFERENCED if name not in SLICES),
+    *(f"data/{name}" for name in CONFIG["data"]),
+    *(f"{name}/tomogram" for name in TOMOGRAMS),
 ]
 
 # Folders of results, from the whole to the single twin.
@@ -107,7 +124,7 @@ def any_of(names):
 
 
 wildcard_constraints:
-    sample=any_of(SAMPLES),
+    sample=any_of([*SAMPLES, *MEASURED]),
     variant=any_of(VARIANTS),
     realization=r"\d+",
     packing="first|second",
@@ -167,6 +184,11 @@ def stream(wildcards):
 def sample_row(wildcards):
     """The sample's row of the sheet."""
     return SAMPLES[wildcards.sample]
+
+
+def synthesis(wildcards):
+    """The synthetic rock of a sample."""
+    return SYNTHESES[wildcards.sample]
 
 
 def users_file(key):
@@ -240,6 +262,106 @@ def timed(*jobs):
 def figure_caption(wildcards):
     """The words of a figure, one source for the report and for Snakemake's."""
     return TEXTS[wildcards.figure].caption
+
+
+# ---- published volumes and slices of them
+
+MEASUREMENTS = (
+    "reference_network_pores.csv",
+    "reference_network_throats.csv",
+    "reference_flow.csv",
+    "reference_s2.csv",
+)
+
+
+def data_entry(wildcards):
+    return CONFIG["data"][wildcards.data]
+
+
+def sliced_volume(wildcards):
+    return f"results/data/{SAMPLES[wildcards.sample]['data']}/reference.zarr.zip"
+
+
+def sliced_measurements(wildcards):
+    folder = f"results/data/{SAMPLES[wildcards.sample]['data']}"
+    return [f"{folder}/{name}" for name in MEASUREMENTS]
+
+
+def data_source(wildcards):
+    """The file as it was published: from this machine, or through Snakemake's storage."""
+    source = CONFIG["data"][wildcards.data]["source"]
+    if not source.startswith(("http://", "https://")):
+        return source
+    return storage.http(source)
+
+
+# ---- the validation cases
+
+
+def known_cases():
+    """Samples and variants of every case, this config's own in place of its namesake's."""
+    studies = [
+        sheet.load_yaml(path)
+        for path in sorted((HOUSE / "config/cases").glob("*.yaml"))
+    ]
+    found = {study["case"]: study for study in studies if study.get("case")}
+    if CONFIG["case"]:
+        found[CONFIG["case"]] = CONFIG
+    order = CONFIG_SCHEMA["properties"]["case"]["enum"]
+    return {
+        case: {
+            "samples": list(found[case]["samples"]),
+            "variants": list(found[case].get("variants", {"full": {}})),
+        }
+        for case in order
+        if case in found
+    }
+
+
+def come_so_far(wildcards):
+    """What is there to be gathered, with its age. No input: a page of what there is asks for no twin."""
+    found = [
+        *Path("results").glob("*/*/*/metrics.csv"),
+        *Path("results").glob("cv_sweep/*/*.csv"),
+        *Path("results").glob("*/tomogram/reference_flow.csv"),
+    ]
+    return {str(path): path.stat().st_mtime_ns for path in sorted(found)}
+
+
+def twins_of_case(wildcards):
+    if CONFIG["case"] == "cv_sweep":
+        return []
+    # the second packings of the first twins are there to be shown
+    return twins("metrics.csv") + twins("second/volume.zarr.zip", realization=[0])
+
+
+def references_of_case(wildcards):
+    return (
+        []
+        if CONFIG["case"] == "cv_sweep"
+        else where_referenced("reference_s2.csv")(wildcards)
+    )
+
+
+def sweep_of_case(wildcards):
+    if CONFIG["case"] != "cv_sweep":
+        return []
+    sweep = CONFIG["cv_sweep"]
+    return expand(
+        "results/cv_sweep/{cv}/{truth}.csv",
+        cv=[f"{cv:g}" for cv in sweep["cv"]],
+        truth=range(sweep["truths"]),
+    )
+
+
+def tomograms_of_case(wildcards):
+    names = (
+        "reference_flow.csv",
+        "reference_network_pores.csv",
+        "reference_s2.csv",
+        "s2_envelope.json",
+    )
+    return expand(f"{SAMPLE}/tomogram/{{name}}", sample=TOMOGRAMS, name=names)
 
 
 onstart:

@@ -72,6 +72,8 @@ use rule s2_volume as reference_s2 with:
         f"{SAMPLE}/logs/reference_s2.log",
     benchmark:
         f"{SAMPLE}/benchmarks/reference_s2.tsv"
+    wildcard_constraints:
+        sample=any_of(MEASURED),
 
 
 rule s2_envelope:

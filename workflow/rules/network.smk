@@ -36,6 +36,8 @@ use rule network as reference_network with:
         f"{SAMPLE}/logs/reference_network.log",
     benchmark:
         f"{SAMPLE}/benchmarks/reference_network.tsv"
+    wildcard_constraints:
+        sample=any_of(MEASURED),
 
 
 rule flow:
@@ -72,6 +74,8 @@ use rule flow as reference_flow with:
         f"{SAMPLE}/logs/reference_flow.log",
     benchmark:
         f"{SAMPLE}/benchmarks/reference_flow.tsv"
+    wildcard_constraints:
+        sample=any_of(MEASURED),
 
 
 rule contacts:

@@ -15,7 +15,7 @@ rule synthesise:
     benchmark:
         f"{SAMPLE}/benchmarks/synthesise.tsv"
     wildcard_constraints:
-        sample=any_of(SYNTHETIC),
+        sample=any_of(SYNTHESES),
     cache: CACHEABLE
     conda:
         ENVS["analysis"]
@@ -25,7 +25,7 @@ rule synthesise:
     params:
         stream=stream,
         row=sample_row,
-        settings=settings("synthetic"),
+        rock=synthesis,
         science=science("section"),
     script:
         "../../scripts/synthesise.py"
@@ -42,7 +42,7 @@ rule read_section:
     benchmark:
         f"{SAMPLE}/benchmarks/read_section.tsv"
     wildcard_constraints:
-        sample=any_of(s for s in SAMPLES if s not in SYNTHETIC),
+        sample=any_of(s for s in SAMPLES if s not in SYNTHESES and s not in SLICES),
     conda:
         ENVS["analysis"]
     resources:
@@ -67,7 +67,7 @@ rule read_reference:
     benchmark:
         f"{SAMPLE}/benchmarks/read_reference.tsv"
     wildcard_constraints:
-        sample=any_of(s for s in REFERENCED if s not in SYNTHETIC),
+        sample=any_of(s for s in REFERENCED if s not in SYNTHESES and s not in SLICES),
     conda:
         ENVS["analysis"]
     resources:
@@ -79,3 +79,89 @@ rule read_reference:
         science=science("section"),
     script:
         "../../scripts/read_reference.py"
+
+
+rule fetch:
+    input:
+        published=data_source,
+    output:
+        reference="results/data/{data}/reference.zarr.zip",
+    log:
+        "results/data/{data}/logs/fetch.log",
+    benchmark:
+        "results/data/{data}/benchmarks/fetch.tsv"
+    conda:
+        ENVS["analysis"]
+    resources:
+        mem_mb=4000,
+        runtime=30,
+    params:
+        known=data_entry,
+        science=science("section"),
+    script:
+        "../../scripts/fetch.py"
+
+
+rule cut_section:
+    input:
+        volume=sliced_volume,
+    output:
+        section=f"{SAMPLE}/section.zarr.zip",
+    log:
+        f"{SAMPLE}/logs/cut_section.log",
+    benchmark:
+        f"{SAMPLE}/benchmarks/cut_section.tsv"
+    wildcard_constraints:
+        sample=any_of(SLICES),
+    conda:
+        ENVS["analysis"]
+    resources:
+        mem_mb=4000,
+        runtime=30,
+    params:
+        row=sample_row,
+        science=science("section"),
+    script:
+        "../../scripts/cut_section.py"
+
+
+rule shared_reference:
+    input:
+        sliced_measurements,
+    output:
+        [f"{SAMPLE}/{name}" for name in MEASUREMENTS],
+    log:
+        f"{SAMPLE}/logs/shared_reference.log",
+    wildcard_constraints:
+        sample=any_of(SLICES),
+    localrule: True
+    conda:
+        ENVS["analysis"]
+    shell:
+        "cp -t results/{wildcards.sample} {input} > {log} 2>&1"
+
+
+rule tomogram:
+    input:
+        rock=f"{SAMPLE}/reference.zarr.zip",
+    output:
+        tomogram=f"{SAMPLE}/tomogram/reference.zarr.zip",
+        grey=f"{SAMPLE}/tomogram/grey.zarr.zip",
+        report=f"{SAMPLE}/tomogram/tomogram.json",
+    log:
+        f"{SAMPLE}/logs/tomogram.log",
+    benchmark:
+        f"{SAMPLE}/benchmarks/tomogram.tsv"
+    wildcard_constraints:
+        sample=any_of(TOMOGRAMS),
+    conda:
+        ENVS["analysis"]
+    resources:
+        mem_mb=4000,
+        runtime=30,
+    params:
+        stream=stream,
+        settings=settings("tomogram"),
+        science=science("section"),
+    script:
+        "../../scripts/tomogram.py"

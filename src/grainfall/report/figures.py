@@ -65,7 +65,17 @@ WIDTH = 7.2
 """Width of a full figure in inches."""
 
 
-def _styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
+_METADATA = {
+    "svg": {"Date": None, "Creator": None},
+    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+    "png": {"Software": None},
+}
+"""What a file would say of its making, and must not."""
+
+
+def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
+    """Draw in the house's style."""
+
     @functools.wraps(draw)
     def wrapper(*args, **kwargs) -> Figure:
         with matplotlib.style.context(["default", STYLE]):
@@ -75,17 +85,17 @@ def _styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
 
 
 def save_figure(figure: Figure, path: str | Path) -> None:
-    """Write a figure atomically as SVG or PNG (by the suffix); equal content gives equal bytes."""
+    """Write a figure atomically as SVG, PDF or PNG (by the suffix); equal content gives equal bytes."""
     path = Path(path)
     kind = path.suffix.lstrip(".").lower()
-    if kind not in ("svg", "png"):
-        raise ValueError(f"{path}: figures are .svg or .png")
-    metadata = {"Date": None, "Creator": None} if kind == "svg" else {"Software": None}
+    if kind not in _METADATA:
+        raise ValueError(f"{path}: figures are .svg, .pdf or .png")
+    metadata = _METADATA[kind]
     with matplotlib.style.context(["default", STYLE]), atomic_path(path) as part:
         figure.savefig(part, format=kind, metadata=metadata)
 
 
-@_styled
+@styled
 def note_figure(text: str) -> Figure:
     """A sentence where a picture would stand, for what a plan did not call for or a run did not compute."""
     figure = Figure(figsize=(WIDTH, 1.0))
@@ -105,7 +115,7 @@ def phase_colours(phase: np.ndarray) -> np.ndarray:
     return table[phase]
 
 
-def _mineral_handles(phases: Sequence[str], most: int = 9) -> list[Patch]:
+def mineral_handles(phases: Sequence[str], most: int = 9) -> list[Patch]:
     """Legend entries of the minerals, the first ``most`` of them."""
     handles = [
         Patch(facecolor=MINERALS[i % len(MINERALS)], edgecolor="black", lw=0.5, label=name)
@@ -115,7 +125,7 @@ def _mineral_handles(phases: Sequence[str], most: int = 9) -> list[Patch]:
     return handles if rest <= 0 else [*handles[:most], Patch(alpha=0, label=f"and {rest} more")]
 
 
-@_styled
+@styled
 def section_figure(
     phase: np.ndarray,
     pixel_size_um: float,
@@ -154,7 +164,7 @@ def section_figure(
     right.imshow(0.45 * colours + 0.55, extent=extent)
     right.set_title("Grains and inscribed pore circles")
 
-    handles = _mineral_handles(phases)
+    handles = mineral_handles(phases)
     # a window in which single outlines can be seen; the whole section where it holds few grains
     span = max(height, width)
     if grains is not None and len(grains):
@@ -216,7 +226,7 @@ def _outline(region, pixel: float) -> list[np.ndarray]:
 # ---- sizes
 
 
-@_styled
+@styled
 def sizes_figure(
     sizes: pd.DataFrame,
     phases: Sequence[str] = (),
@@ -256,7 +266,7 @@ def sizes_figure(
         top.set_title(name)
 
         # all on wider bins than the unfolding used, or noise is all one sees
-        wide, f2d = _merged(edges, table["f2d"].to_numpy())
+        wide, f2d = merged(edges, table["f2d"].to_numpy())
         top.stairs(f2d, wide, fill=True, color=to_rgba(colour, 0.45))
         top.stairs(f2d, wide, color=SECTION, lw=1.0, label="section, as seen")
         seen = twin_pores if pore else twin_grains
@@ -266,7 +276,7 @@ def sizes_figure(
                 seen = seen[seen["phase"] == phase]
             _density(top, seen["r_um"], seen["weight"], wide, TWIN, "-", "twin, slices")
 
-        f3d, lower, upper = (_merged(edges, table[c].to_numpy())[1] for c in ("f3d", "lower", "upper"))
+        f3d, lower, upper = (merged(edges, table[c].to_numpy())[1] for c in ("f3d", "lower", "upper"))
         bottom.stairs(
             upper, wide, baseline=lower, fill=True, color=to_rgba(colour, 0.35), label="bootstrap band"
         )
@@ -296,7 +306,7 @@ def sizes_figure(
     return figure
 
 
-def _merged(edges: np.ndarray, density: np.ndarray, most: int = 24) -> tuple[np.ndarray, np.ndarray]:
+def merged(edges: np.ndarray, density: np.ndarray, most: int = 24) -> tuple[np.ndarray, np.ndarray]:
     """A histogram with neighbouring bins merged until at most ``most`` are left; its area stays."""
     step = -(-len(density) // most)
     kept = np.unique(np.append(np.arange(0, len(edges), step), len(edges) - 1))
@@ -317,7 +327,7 @@ def _density(axes, radii, weights, edges, colour, style, label) -> None:
 # ---- grains
 
 
-@_styled
+@styled
 def gallery_figure(grains: Sequence[Mapping], phases: Sequence[str] = ()) -> Figure:
     """3D grains, each beside the three masks it was made from.
 
@@ -380,7 +390,7 @@ def draw_mesh(axes, vertices: np.ndarray, faces: np.ndarray, colour: str) -> Non
 # ---- packing
 
 
-@_styled
+@styled
 def packings_figure(
     first: np.ndarray | None,
     second: np.ndarray | None,
@@ -424,7 +434,7 @@ def packings_figure(
         axes.spines[:].set_visible(True)
         if axes.get_subplotspec().is_first_col():
             axes.set_ylabel("z, up (µm)")
-    handles = _mineral_handles(phases)
+    handles = mineral_handles(phases)
     handles.append(Patch(facecolor=PORE, edgecolor="black", lw=0.5, label="pore"))
     if second is not None and (second == VIRTUAL_LABEL).any():
         handles.append(Patch(facecolor=VIRTUAL, edgecolor="black", lw=0.8, label="virtual sphere"))
@@ -432,18 +442,9 @@ def packings_figure(
     return figure
 
 
-@_styled
-def block_figure(phase: np.ndarray, voxel_size_um: float, phases: Sequence[str] = ()) -> Figure:
-    """The twin as a block in isometric view: its top and two of its sides.
-
-    Parameters
-    ----------
-    phase : ndarray of uint8, (z, y, x)
-    voxel_size_um : float
-    """
+def draw_block(axes, phase: np.ndarray) -> None:
+    """A volume (z, y, x) in isometric view in an axes: its top and two of its sides, no frame."""
     nz, ny, nx = phase.shape
-    figure = Figure(figsize=(4.6, 4.9))
-    axes = figure.add_subplot()
     cos, sin = np.cos(np.pi / 6), 0.5
     # paper position of a voxel: x runs right and down, y right and up, z up
     ex, ey, ez = np.array([cos, -sin]), np.array([cos, sin]), np.array([0.0, 1.0])
@@ -465,14 +466,29 @@ def block_figure(phase: np.ndarray, voxel_size_um: float, phases: Sequence[str] 
         axes.plot(*outline.T, color="black", lw=1.0)
     axes.set(xlim=(-2, (nx + ny) * cos + 2), ylim=(-nx * sin - 2, nz + ny * sin + 2), aspect="equal")
     axes.set_axis_off()
+
+
+@styled
+def block_figure(phase: np.ndarray, voxel_size_um: float, phases: Sequence[str] = ()) -> Figure:
+    """The twin as a block in isometric view: its top and two of its sides.
+
+    Parameters
+    ----------
+    phase : ndarray of uint8, (z, y, x)
+    voxel_size_um : float
+    """
+    nz, ny, nx = phase.shape
+    figure = Figure(figsize=(4.6, 4.9))
+    axes = figure.add_subplot()
+    draw_block(axes, phase)
     size = " × ".join(number(n * voxel_size_um) for n in (nx, ny, nz))
     axes.set_title(f"{size} µm (x × y × z)", fontsize=9, fontweight="normal", loc="center")
-    handles = _mineral_handles(phases)
+    handles = mineral_handles(phases)
     figure.legend(handles=handles, loc="outside lower center", ncols=4)
     return figure
 
 
-@_styled
+@styled
 def forces_figure(
     contacts: pd.DataFrame, bodies: pd.DataFrame, edge_um: float, grain_um: float
 ) -> Figure | None:
@@ -521,7 +537,7 @@ def forces_figure(
     return figure
 
 
-@_styled
+@styled
 def virtual_figure(table: pd.DataFrame, p_sp: float | None = None) -> Figure:
     """Sizes behind the virtual spheres: target and first packing, their difference, and what was used.
 
@@ -561,7 +577,7 @@ def virtual_figure(table: pd.DataFrame, p_sp: float | None = None) -> Figure:
 # ---- correlation
 
 
-@_styled
+@styled
 def s2_figure(
     slices: pd.DataFrame | None = None,
     envelope: pd.DataFrame | None = None,
@@ -625,7 +641,7 @@ def s2_figure(
 # ---- network and flow
 
 
-@_styled
+@styled
 def network_figure(
     sizes: Mapping[str, np.ndarray], reference: Mapping[str, np.ndarray] | None = None
 ) -> Figure:
@@ -674,7 +690,7 @@ def network_figure(
     return figure
 
 
-@_styled
+@styled
 def comparison_figure(summary: pd.DataFrame, intervals: pd.DataFrame) -> Figure:
     """Every ensemble's realizations, mean and 95 % t-interval, one panel a metric.
 

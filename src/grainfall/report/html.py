@@ -183,11 +183,11 @@ def figure_files(
             r.table("sample:truth_sizes.csv"),
             r.table("twin:grains2d.csv"),
             r.table("twin:pores2d.csv"),
-            _inside(r),
+            grains_inside(r),
         )
 
-    def gallery() -> Figure | None:
-        chosen = _gallery(r)
+    def grain_gallery() -> Figure | None:
+        chosen = gallery(r)
         return figures.gallery_figure(chosen, r.phases) if chosen else None
 
     def block() -> Figure:
@@ -256,7 +256,7 @@ def figure_files(
              "twin:bodies.csv", "twin:twin.zarr.zip"],
         ),
         "gallery": (
-            gallery,
+            grain_gallery,
             ["sample:grains3d/library.csv", "sample:labels.zarr.zip"],
             ["sample:grains3d/shapes.npz"],
         ),
@@ -339,7 +339,7 @@ def _sample_part(root: Path, name: str, index: int, variants, realizations) -> d
     shown = {
         key: {
             "title": f.title, "caption": f.caption, "alt": f.alt, "absent": f.absent,
-            "image": _data_uri(f.draw()),
+            "image": _drawn_uri(f.draw()),
         }
         for key, f in files.items()
     }  # fmt: skip
@@ -601,7 +601,7 @@ def _network(r: Results, stem: str) -> dict | None:
     return network.load(pores, throats) if pores.exists() and throats.exists() else None
 
 
-def _gallery(r: Results, count: int = GALLERY) -> list[dict]:
+def gallery(r: Results, count: int = GALLERY) -> list[dict]:
     """Grains spread evenly over the library's minerals and sizes, each with the masks it was made from."""
     from grainfall.grains import Library
 
@@ -631,7 +631,7 @@ def _gallery(r: Results, count: int = GALLERY) -> list[dict]:
     return chosen
 
 
-def _inside(r: Results) -> pd.DataFrame | None:
+def grains_inside(r: Results) -> pd.DataFrame | None:
     """Bodies whose centre lies inside the twin's volume: those outside belong to the margin."""
     bodies, twin = r.table("twin:bodies.csv"), r.attributes("twin:twin.zarr.zip")
     if bodies is None or twin is None:
@@ -644,13 +644,18 @@ def _inside(r: Results) -> pd.DataFrame | None:
 # ---- helpers
 
 
-def _data_uri(figure: Figure | None) -> str | None:
+def data_uri(path: Path) -> str:
+    """An SVG file as an address that a page can carry in itself."""
+    return "data:image/svg+xml;base64," + base64.b64encode(path.read_bytes()).decode()
+
+
+def _drawn_uri(figure: Figure | None) -> str | None:
     if figure is None:
         return None
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "figure.svg"
         figures.save_figure(figure, path)
-        return "data:image/svg+xml;base64," + base64.b64encode(path.read_bytes()).decode()
+        return data_uri(path)
 
 
 def _values(metrics: pd.DataFrame | None) -> dict[str, float]:

@@ -591,7 +591,7 @@ def intervals(
         for column in columns:
             values = pd.to_numeric(group[column], errors="coerce").dropna() if column in group else []
             if len(values):
-                rows.append((*key, column, *_t_interval(np.asarray(values, float))))
+                rows.append((*key, column, *t_interval(np.asarray(values, float))))
     return pd.DataFrame(rows, columns=[*by, "metric", "n", "mean", "lower", "upper"])
 
 
@@ -626,14 +626,15 @@ def paired_differences(
                 ).dropna()
                 if len(pair):
                     difference = (pair.iloc[:, 0] - pair.iloc[:, 1]).to_numpy(float)
-                    n, mean, lower, upper = _t_interval(difference)
+                    n, mean, lower, upper = t_interval(difference)
                     differs = None if math.isnan(lower) else bool(lower > 0 or upper < 0)
                     rows.append((sample, name, base, column, n, mean, lower, upper, differs))
     columns_out = ["sample", "variant", "baseline", "metric", "n", "mean", "lower", "upper", "differs"]
     return pd.DataFrame(rows, columns=columns_out)
 
 
-def _t_interval(values: np.ndarray) -> tuple[int, float, float, float]:
+def t_interval(values: np.ndarray) -> tuple[int, float, float, float]:
+    """Number, mean and 95 % Student-t interval of a sample; the bounds of a single value are NaN."""
     n, mean = len(values), float(values.mean())
     if n < 2:
         return n, mean, math.nan, math.nan

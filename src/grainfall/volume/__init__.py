@@ -3,7 +3,7 @@
 from grainfall.volume.cement import as_minerals, cement, grow_rims
 from grainfall.volume.correction import correct_porosity
 from grainfall.volume.export import export_metaimage, export_raw, export_vti
-from grainfall.volume.finish import finish
+from grainfall.volume.finish import finish, make_room
 from grainfall.volume.measures import adjacent_pairs, euler_number, porosity
 from grainfall.volume.scan import VIRTUAL, voxelise, voxelise_slabs
 
@@ -19,6 +19,7 @@ __all__ = [
     "export_vti",
     "finish",
     "grow_rims",
+    "make_room",
     "porosity",
     "voxelise",
     "voxelise_slabs",

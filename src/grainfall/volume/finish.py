@@ -31,7 +31,7 @@ def finish(
     library : Library
         Meshes of the shapes.
     scene : mapping
-        shape_zyx, voxel_size_um, porosity_target, phases.
+        shape_zyx, voxel_size_um, margin_um, mean_diameter_um, porosity_target, phases.
     densification : mapping
         Of the second packing's report: cement is called for only where densification was and fell short.
     switches : mapping
@@ -50,7 +50,8 @@ def finish(
     scaling : dict
         As :func:`grainfall.volume.correct_porosity` gives it.
     rims : dict
-        As :func:`grainfall.volume.cement` gives it, with on, forced, called_for, reason.
+        As :func:`grainfall.volume.cement` gives it, with on, forced, called_for, reason, and ``room``: the
+        factor on all lengths of the bed that made room for the rims (:func:`make_room`).
     """
     target, shape, voxel = scene["porosity_target"], scene["shape_zyx"], scene["voxel_size_um"]
     grains, scaling = correct_porosity(
@@ -75,10 +76,43 @@ def finish(
         possible=(left - target) * np.prod(shape, dtype=float) >= 1,
     )
     if rims["on"]:
+        grains, room = make_room(grains, scene, left)
         phase, body, grown = cement(grains, library, shape, voxel, target, len(scene["phases"]))
-        rims["reason"] += f": rims of {grown['rim_um']:.3g} um"
-        return grains, phase, body, scaling, {**grown, **rims}
+        rims["reason"] += f": rims of {grown['rim_um']:.3g} um on grains {100 * (1 - room):.2g} % smaller"
+        return grains, phase, body, scaling, {**grown, "room": room, **rims}
     phase, body = voxelise(grains, library, shape, voxel)
     after = porosity(phase)
     nothing = {"target": target, "before": after, "after": after, "share": 0.0, "rim_um": 0.0, "wall_s": 0.0}
+    nothing["room"] = 1.0
     return grains, phase, body, scaling, {**nothing, **rims}
+
+
+def make_room(bodies: pd.DataFrame, scene: Mapping, porosity_before: float) -> tuple[pd.DataFrame, float]:
+    """Shrink a bed, grains and distances alike, so that grains with their rims are as large as the section's.
+
+    A section shows a grain with all that grew on it, so its sizes are those of cemented grains. Rims multiply
+    the mean volume of a grain by the solid fraction after over that before; the bed shrinks by that
+    beforehand. Beds look the same at any scale: the packing stays what it is, the region sees more of it.
+
+    Parameters
+    ----------
+    bodies : DataFrame
+        Grains, um from the region's corner.
+    scene : mapping
+        shape_zyx, voxel_size_um, margin_um, mean_diameter_um, porosity_target.
+    porosity_before : float
+        Of the bed.
+
+    Returns
+    -------
+    bodies : DataFrame
+    factor : float
+        At most 1; larger than wanted where the bed must reach half a mean grain beyond the region.
+    """
+    wanted = ((1 - porosity_before) / (1 - scene["porosity_target"])) ** (1 / 3)
+    size = np.array(scene["shape_zyx"][::-1]) * scene["voxel_size_um"]
+    reach = (size / 2 + scene["mean_diameter_um"] / 2) / (size / 2 + scene["margin_um"])
+    factor = float(min(1.0, max(wanted, *reach)))
+    place = bodies[["x", "y", "z"]].to_numpy(float)
+    x, y, z = (size / 2 + factor * (place - size / 2)).T
+    return bodies.assign(x=x, y=y, z=z, scale=factor * bodies["scale"]), factor

@@ -1,0 +1,20 @@
+"""The paper's figures from our cases as SVG, PDF and PNG; a sentence where there is nothing to draw yet."""
+
+from pathlib import Path
+
+from _stage import stage
+
+from grainfall.report import save_figure
+from grainfall.report.figures import note_figure
+from grainfall.report.paper_figures import FIGURES, Cases
+
+with stage(snakemake) as progress:
+    cases = Cases(Path("results"), {case: study["samples"] for case, study in snakemake.params.cases.items()})
+    figures = {}
+    for name, entry in FIGURES.items():
+        progress(name)
+        figures[name] = entry.draw(cases) or note_figure(
+            f"{name.replace('_', ' ')}: the case behind this figure has no finished twin yet"
+        )
+    for path in map(Path, snakemake.output):
+        save_figure(figures[path.stem], path)

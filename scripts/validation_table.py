@@ -1,0 +1,11 @@
+"""What is finished of the validation cases, in one table beside the paper's figures."""
+
+from _stage import stage
+
+from grainfall import io
+from grainfall.report.validation import COLUMNS, validation_table
+
+with stage(snakemake) as progress:
+    table = validation_table("results", snakemake.params.cases)
+    io.write_table(snakemake.output.table, table[list(COLUMNS)])
+    progress.say(f"{len(table)} rows of {table['case'].nunique()} cases")

@@ -1,0 +1,956 @@
+"""The data figures of the paper, drawn from our own cases.
+
+Each takes the cases and gives a figure, or None where the case behind it has not come so far. Colours and
+second cues are those of :mod:`grainfall.report.figures`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from matplotlib.collections import EllipseCollection, LineCollection
+from matplotlib.colors import to_rgb, to_rgba
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import FancyArrowPatch, Patch
+from matplotlib.ticker import NullFormatter
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+from skimage.measure import find_contours
+
+from grainfall import correlation, io, network, random
+from grainfall.report import figures
+from grainfall.report.figures import (
+    FIRST,
+    MINERALS,
+    PORE_CIRCLE,
+    SECTION,
+    TRUTH,
+    TWIN,
+    WIDTH,
+    phase_colours,
+    styled,
+)
+from grainfall.report.html import Results, gallery, grains_inside
+from grainfall.report.validation import BEREA_PUBLISHED_MD, PAPER, describe, radial
+
+DASHED, DOTTED = (0, (4, 1.5)), (0, (1, 1.2))
+GRAINS_SHOWN = 14
+"""Mean grain diameters across a window in which single grains are to be seen."""
+
+
+def _letter(axes, letter: str, title: str = "") -> None:
+    axes.set_title(f"({letter}) {title}".rstrip(), fontsize=9, fontweight="normal", loc="left")
+
+
+@dataclass(frozen=True)
+class Cases:
+    """Where the results of the cases are.
+
+    Attributes
+    ----------
+    root : Path
+        The results folder.
+    samples : mapping
+        Case to the names of its samples.
+    """
+
+    root: Path
+    samples: Mapping[str, Sequence[str]]
+
+    def paths(self, case: str, pattern: str) -> list[Path]:
+        """Files of a case below the folders of its samples, in order."""
+        return [
+            path for name in self.samples.get(case, ()) for path in sorted((self.root / name).glob(pattern))
+        ]
+
+    def stems(self, case: str, pattern: str) -> list[Path]:
+        """Networks of a case: their paths without what tells pores from throats."""
+        found = self.paths(case, f"{pattern}_pores.csv")
+        return [path.with_name(path.name.removesuffix("_pores.csv")) for path in found]
+
+    def twin(self, case: str, variant: str = "full") -> Results | None:
+        """The first twin of a case of which there is all that figures show."""
+        for path in self.paths(case, f"{variant}/*/metrics.csv"):
+            if not path.with_name("second").joinpath("volume.zarr.zip").exists():
+                continue
+            return Results(self.root, path.parents[2].name, variant, int(path.parent.name))
+        return None
+
+
+def _image(axes, phase: np.ndarray, pixel: float, *, up: bool = False, grey: bool = False) -> None:
+    height, width = (n * pixel for n in phase.shape)
+    look = {"cmap": "gray", "vmin": 0, "vmax": 1.2} if grey else {}
+    axes.imshow(
+        phase if grey else phase_colours(phase),
+        origin="lower" if up else "upper",
+        extent=(0, width, 0, height) if up else (0, width, height, 0),
+        interpolation="nearest",
+        **look,
+    )
+    if not grey and (phase == figures.VIRTUAL_LABEL).any():
+        axes.contour(
+            (phase == figures.VIRTUAL_LABEL).astype(float), [0.5], colors="black", linewidths=0.6,
+            extent=(0, width, 0, height),
+        )  # fmt: skip
+    axes.set(xticks=[], yticks=[])
+    axes.spines[:].set_visible(True)
+
+
+def _bar(axes, width_um: float) -> None:
+    """A scale bar of a round length, about a quarter of the width."""
+    size = 10 ** np.floor(np.log10(width_um / 4))
+    size *= max(m for m in (1, 2, 5) if m * size <= width_um / 4) if width_um / 4 >= size else 1
+    x0, x1 = axes.get_xlim()
+    y0, y1 = axes.get_ylim()
+    left, y = x0 + 0.05 * (x1 - x0), y0 + 0.06 * (y1 - y0)
+    axes.plot([left, left + size], [y, y], color="white", lw=5, solid_capstyle="butt")
+    axes.plot([left, left + size], [y, y], color="black", lw=2.5, solid_capstyle="butt")
+    axes.text(
+        left + size / 2, y + 0.025 * (y1 - y0), f"{size:g} µm", ha="center", va="bottom", fontsize=7,
+        bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.6, "alpha": 0.85},
+    )  # fmt: skip
+
+
+def _window(r: Results, edge_um: float) -> tuple[slice, slice]:
+    """Pixels of a square window in the middle of the section."""
+    shape, pixel = r.section_phase.shape, r.pixel_size_um
+    half = min(int(edge_um / pixel), *shape) // 2
+    return tuple(slice(n // 2 - half, n // 2 + half) for n in shape)
+
+
+def _grain_um(r: Results) -> float:
+    return float(r.json("variant:scene.json")["mean_diameter_um"])
+
+
+def _voxel(r: Results, name: str = "twin:twin.zarr.zip") -> float:
+    return float(r.attributes(name)[0]["voxel_size_um"])
+
+
+def _circles(axes, pores: pd.DataFrame, offset=(0.0, 0.0), colour: str = PORE_CIRCLE) -> None:
+    r = pores["r_um"].to_numpy()
+    axes.add_collection(
+        EllipseCollection(
+            2 * r, 2 * r, np.zeros(len(r)), units="xy",
+            offsets=pores[["x_um", "y_um"]].to_numpy() - np.asarray(offset),
+            offset_transform=axes.transData, facecolor=to_rgba(colour, 0.85), edgecolor="#7A2E58",
+            linewidths=0.5,
+        )
+    )  # fmt: skip
+
+
+def _section_panels(r: Results, edge_um: float):
+    window = _window(r, edge_um)
+    corner = (window[1].start * r.pixel_size_um, window[0].start * r.pixel_size_um)
+    labels = r.volume("sample:labels.zarr.zip", "grains")[window]
+    return r.section_phase[window], labels, r.table("sample:pores2d.csv"), corner
+
+
+def _outlines(axes, labels: np.ndarray, pixel: float, colour: str = "#C00000", width: float = 0.9) -> None:
+    """Boundaries between labels and of labels with the pore."""
+    lines = []
+    for label in np.unique(labels)[1:]:
+        mask = np.pad(labels == label, 1)
+        rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
+        corner = rows[0] - 1, columns[0] - 1
+        part = mask[corner[0] : rows[-1] + 2, corner[1] : columns[-1] + 2].astype(float)
+        lines += [(line + np.array(corner) - 0.5)[:, ::-1] * pixel for line in find_contours(part, 0.5)]
+    axes.add_collection(LineCollection(lines, colors=colour, linewidths=width))
+
+
+# ---- the method
+
+
+@styled
+def pipeline(cases: Cases) -> Figure | None:
+    """The workflow in seven pictures, each from the same sample."""
+    r = cases.twin("virtual_spheres")
+    if r is None:
+        return None
+    phase, labels, pores, corner = _section_panels(r, GRAINS_SHOWN * _grain_um(r))
+    pixel = r.pixel_size_um
+    figure = Figure(figsize=(WIDTH, 4.3))
+    grid = figure.add_gridspec(2, 4, wspace=0.12)
+    names = ("section", "grains and pores", "2D and 3D sizes", "grains from masks", "first packing",
+             "second packing", "twin")  # fmt: skip
+    places = [(0, 0), (0, 1), (0, 2), (0, 3), (1, 3), (1, 2), (1, 1)]
+    panels = []
+    for letter, name, place in zip("abcdefg", names, places, strict=True):
+        flat = name != "grains from masks"
+        axes = figure.add_subplot(grid[place], **({} if flat else {"projection": "3d"}))
+        _letter(axes, letter, name)
+        panels.append(axes)
+    _image(panels[0], phase, pixel)
+    _bar(panels[0], phase.shape[1] * pixel)
+    _image(panels[1], np.where(phase > 0, 0, 0).astype(np.uint8), pixel)
+    panels[1].imshow(0.5 * phase_colours(phase) + 0.5, extent=panels[1].get_images()[0].get_extent())
+    _outlines(panels[1], labels, pixel, "black", 0.6)
+    limits = panels[1].get_xlim(), panels[1].get_ylim()
+    _circles(panels[1], pores, corner)
+    panels[1].set(xlim=limits[0], ylim=limits[1])
+    sizes = r.table("sample:sizes.csv")
+    table = sizes[(sizes["kind"] == "grain") & (sizes["phase"] == 1)]
+    edges = np.append(table["r_lo_um"], table["r_hi_um"].iloc[-1])
+    wide, f2d = figures.merged(edges, table["f2d"].to_numpy())
+    _, f3d = figures.merged(edges, table["f3d"].to_numpy())
+    panels[2].stairs(f2d, wide, fill=True, color=to_rgba(MINERALS[0], 0.4), label="2D")
+    panels[2].stairs(f3d, wide, color="black", label="3D")
+    panels[2].set(yticks=[], xlabel="radius (µm)")
+    panels[2].legend(fontsize=7)
+    chosen = gallery(r, 6)
+    grain = chosen[len(chosen) // 4]
+    figures.draw_mesh(panels[3], grain["vertices"], grain["faces"], MINERALS[grain["phase"] - 1])
+    for axes, name in zip(panels[4:], ("first/volume", "second/volume", "twin"), strict=True):
+        volume = r.volume(f"twin:{name}.zarr.zip", "phase")
+        _image(axes, volume[:, volume.shape[1] // 2], _voxel(r), up=True)
+    hidden = figure.add_subplot(grid[1, 0])
+    hidden.set_axis_off()
+    handles = figures.mineral_handles(r.twin_phases)
+    handles += [
+        Patch(facecolor=to_rgba(PORE_CIRCLE, 0.6), edgecolor="#7A2E58", label="pore circle"),
+        Patch(facecolor=figures.VIRTUAL, edgecolor="black", label="virtual sphere"),
+    ]
+    hidden.legend(handles=handles, loc="center", fontsize=8)
+    figure.draw_without_rendering()
+    boxes = [axes.get_position() for axes in panels]
+    for one, two in pairwise(boxes):
+        same_row = abs(one.y0 - two.y0) < 0.1
+        if same_row and one.x0 < two.x0:
+            ends = (one.x1, one.y0 + one.height / 2), (two.x0, one.y0 + one.height / 2)
+        elif same_row:
+            ends = (one.x0, one.y0 + one.height / 2), (two.x1, one.y0 + one.height / 2)
+        else:
+            x = two.x0 + two.width / 2
+            ends = (x, one.y0), (x, two.y1 + 0.05)
+        figure.add_artist(
+            FancyArrowPatch(*ends, transform=figure.transFigure, arrowstyle="-|>", mutation_scale=9, lw=1.2,
+                            color="black")
+        )  # fmt: skip
+    return figure
+
+
+@styled
+def masks(cases: Cases) -> Figure | None:
+    """Pore and solid; grain masks; minerals; inscribed circles."""
+    r = cases.twin("stereology") or cases.twin("virtual_spheres")
+    if r is None:
+        return None
+    phase, labels, pores, corner = _section_panels(r, 9 * _grain_um(r))
+    pixel = r.pixel_size_um
+    figure = Figure(figsize=(WIDTH, 2.35))
+    panels = figure.subplots(1, 4)
+    grey = np.where(phase > 0, 0.72, 0.1)
+    _image(panels[0], grey, pixel, grey=True)
+    _image(panels[1], grey, pixel, grey=True)
+    _outlines(panels[1], labels, pixel)
+    _image(panels[2], phase, pixel)
+    _image(panels[3], grey, pixel, grey=True)
+    limits = panels[3].get_xlim(), panels[3].get_ylim()
+    _circles(panels[3], pores, corner, "#E69F00")
+    panels[3].set(xlim=limits[0], ylim=limits[1])
+    names = ("solid and pore", "grain masks", "minerals", "pore circles")
+    for axes, letter, name in zip(panels, "abcd", names, strict=True):
+        _letter(axes, letter, name)
+        _bar(axes, phase.shape[1] * pixel)
+    return figure
+
+
+@styled
+def sizes2d(cases: Cases) -> Figure | None:
+    """f2D of both minerals and of the pore circles."""
+    r = cases.twin("stereology") or cases.twin("virtual_spheres")
+    if r is None:
+        return None
+    figure = Figure(figsize=(WIDTH / 2, 2.6))
+    axes = figure.add_subplot()
+    hatches = {0: "....", 1: "", 2: "////"}
+    for (kind, phase), table in r.table("sample:sizes.csv").groupby(["kind", "phase"], sort=True):
+        pore = kind == "pore"
+        colour = PORE_CIRCLE if pore else MINERALS[int(phase) - 1]
+        edges = np.append(table["r_lo_um"], table["r_hi_um"].iloc[-1])
+        wide, f2d = figures.merged(edges, table["f2d"].to_numpy())
+        name = "pore circles" if pore else r.phases[int(phase)]
+        axes.stairs(
+            f2d, wide, fill=True, facecolor=to_rgba(colour, 0.3), edgecolor=colour, lw=1.2,
+            hatch=hatches.get(int(phase), ""), label=name,
+        )  # fmt: skip
+    axes.set(xlabel="radius in the section (µm)", ylabel="$f_{2D}$ (1/µm)", xlim=(0, None), ylim=(0, None))
+    axes.yaxis.label.set_parse_math(True)
+    axes.legend()
+    return figure
+
+
+@styled
+def grain(cases: Cases) -> Figure | None:
+    """Three masks at right angles, and the grain that has them as its central sections."""
+    r = cases.twin("stereology") or cases.twin("virtual_spheres")
+    chosen = gallery(r, 6) if r else []
+    if not chosen:
+        return None
+    one = chosen[len(chosen) // 3]
+    vertices = one["vertices"] - (one["vertices"].max(0) + one["vertices"].min(0)) / 2
+    reach = np.abs(vertices).max()
+    colour = MINERALS[one["phase"] - 1]
+    figure = Figure(figsize=(WIDTH * 0.75, 2.7))
+    left, right = (figure.add_subplot(1, 2, k, projection="3d") for k in (1, 2))
+    spans = np.ptp(vertices, axis=0)
+    for mask, (a, b), shade in zip(one["masks"], ((0, 1), (0, 2), (1, 2)), (0.9, 0.65, 0.4), strict=True):
+        line = max(find_contours(np.pad(mask, 1).astype(float), 0.5), key=len)[:, ::-1]
+        line = line - (line.max(0) + line.min(0)) / 2
+        points = np.zeros((len(line), 3))
+        points[:, [a, b]] = line / np.ptp(line, axis=0) * spans[[a, b]] * (1, -1)
+        face = to_rgba(np.array(to_rgb(colour)) * shade + (1 - shade) * 0.8, 0.55)
+        left.add_collection3d(Poly3DCollection([points], facecolor=face, edgecolor="black", lw=0.9))
+    left.view_init(elev=24, azim=-60)
+    left.set(**{f"{axis}lim": (-reach, reach) for axis in "xyz"})
+    left.set_box_aspect((1, 1, 1), zoom=1.5)
+    left.set_axis_off()
+    figures.draw_mesh(right, vertices, one["faces"], colour)
+    _letter(left, "a", "three masks, stretched to meet")
+    _letter(right, "b", "the grain")
+    return figure
+
+
+def two_packing(cases: Cases) -> Figure | None:
+    """The same vertical slice of the first packing, of the second and of the twin."""
+    r = cases.twin("virtual_spheres")
+    if r is None:
+        return None
+    values = r.table("twin:metrics.csv").set_index("metric")["value"]
+    return figures.packings_figure(
+        r.volume("twin:first/volume.zarr.zip", "phase"),
+        r.volume("twin:second/volume.zarr.zip", "phase"),
+        r.volume("twin:twin.zarr.zip", "phase"),
+        _voxel(r),
+        r.twin_phases,
+        [values.get(k) for k in ("porosity_first", "porosity_second", "porosity")],
+    )
+
+
+def virtual_sizes(cases: Cases) -> Figure | None:
+    """Sizes of the virtual spheres: target, first packing, difference, used."""
+    r = cases.twin("virtual_spheres")
+    if r is None:
+        return None
+    return figures.virtual_figure(
+        r.table("twin:virtual_spheres.csv"), r.json("twin:second/packing.json")["p_sp"]
+    )
+
+
+# ---- sample 1
+
+
+@styled
+def _sample1(cases: Cases, variant: str) -> Figure | None:
+    r = cases.twin("stereology", variant)
+    if r is None:
+        return None
+    edge = 10 * _grain_um(r)
+    figure = Figure(figsize=(WIDTH, 4.6))
+    grid = figure.add_gridspec(2, 3, width_ratios=[1, 1.25, 1.25])
+    left = [figure.add_subplot(grid[i, 0]) for i in (0, 1)]
+    window = _window(r, edge)
+    _image(left[0], r.section_phase[window], r.pixel_size_um)
+    twin = r.volume("twin:twin.zarr.zip", "phase")
+    _image(left[1], twin[:, twin.shape[1] // 2], _voxel(r), up=True)
+    _letter(left[0], "a", "original, the section")
+    _letter(left[1], "b", "reconstructed, slice")
+    for axes in left:
+        _bar(axes, edge)
+    truth, bodies = r.table("sample:truth_sizes.csv"), grains_inside(r)
+    room = r.json("twin:cement.json").get("room", 1.0)  # a cemented grain is as large as before
+    seen = [r.table("sample:grains2d.csv"), r.table("twin:grains2d.csv")]
+    for column, phase in enumerate((1, 2)):
+        colour = MINERALS[phase - 1]
+        top, bottom = (figure.add_subplot(grid[i, 1 + column]) for i in (0, 1))
+        last = truth.loc[truth["phase"] == phase, "r_um"].quantile(0.999)
+        edges = np.linspace(0, last, 22)
+        of = [t[(t["phase"] == phase) & (t["weight"] > 0)] for t in seen]
+        _histograms(top, [(t["r_um"], t["weight"]) for t in of], edges, colour)
+        own = bodies[(bodies["kind"] == "grain") & (bodies["phase"] == phase)]["scale"] / room
+        _histograms(bottom, [(truth.loc[truth["phase"] == phase, "r_um"], None), (own, None)], edges, colour)
+        _letter(top, "cd"[column], f"{r.phases[phase]}, 2D")
+        _letter(bottom, "ef"[column], f"{r.phases[phase]}, 3D")
+        bottom.set_xlabel("radius (µm)")
+        if column == 0:
+            top.set_ylabel("density on slices (1/µm)")
+            bottom.set_ylabel("density in 3D (1/µm)")
+    handles = figures.mineral_handles(r.twin_phases)
+    handles += [
+        Patch(facecolor="#BBBBBB", edgecolor="black", label="original"),
+        Line2D([], [], color=TWIN, lw=1.8, label="reconstructed"),
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=6)
+    return figure
+
+
+def _histograms(axes, samples: Sequence[tuple], edges: np.ndarray, colour: str) -> None:
+    """Densities of the original (filled) and the reconstructed (line)."""
+    for k, (values, weights) in enumerate(samples):
+        values = np.asarray(values, float)
+        weights = np.ones(len(values)) if weights is None else np.asarray(weights, float)
+        density = np.histogram(values, edges, weights=weights)[0] / weights.sum() / np.diff(edges)
+        if k == 0:
+            axes.stairs(density, edges, fill=True, facecolor=to_rgba(colour, 0.4), edgecolor="black", lw=0.8)
+        else:
+            axes.stairs(density, edges, color=TWIN, lw=1.8)
+    axes.set(xlim=(0, edges[-1]), ylim=(0, None))
+
+
+def sample1_full(cases: Cases) -> Figure | None:
+    """Sample 1 with the inversion."""
+    return _sample1(cases, "full")
+
+
+def sample1_no_inversion(cases: Cases) -> Figure | None:
+    """Sample 1 without the inversion."""
+    return _sample1(cases, "no_inversion")
+
+
+def _s2_ensemble(axes, cases: Cases, case: str, variants: Sequence[tuple]) -> bool:
+    """S2 in 3D: the truths' mean and range, and of each variant every twin and their mean."""
+    truth = [radial(path) for path in cases.paths(case, "reference_s2.csv")]
+    if not truth or not cases.paths(case, "*/*/s2_volume.csv"):
+        return False
+    grid = truth[0][0][truth[0][0] <= 0.5 * truth[0][0][-1]]
+
+    def on(curve):
+        return np.interp(grid, *curve)
+
+    for variant, colour, style, label in variants:
+        own = [on(radial(path)) for path in cases.paths(case, f"{variant}/*/s2_volume.csv")]
+        for curve in own:
+            axes.plot(grid, curve, color=to_rgba(colour, 0.25), lw=0.7, ls=style)
+        if own:
+            axes.plot(
+                grid, np.mean(own, 0), color=colour, ls=style, lw=1.9, label=f"{label} (n = {len(own)})"
+            )
+    each = np.array([on(c) for c in truth])
+    if len(each) > 1:
+        axes.fill_between(grid, each.min(0), each.max(0), color=to_rgba(TRUTH, 0.25), lw=0)
+    axes.plot(
+        grid,
+        each.mean(0),
+        color=TRUTH,
+        ls=DASHED,
+        lw=2.2,
+        label=f"original ({len(each)} truth{'s' if len(each) > 1 else ''})",
+    )
+    axes.set(xlabel="lag (µm)", ylabel="S₂ of the solid (probability)", xlim=(0, grid[-1]))
+    axes.legend()
+    return True
+
+
+@styled
+def sample1_s2(cases: Cases) -> Figure | None:
+    """S2 in 3D of the truths, with the inversion and without."""
+    figure = Figure(figsize=(WIDTH * 0.62, 3.1))
+    axes = figure.add_subplot()
+    variants = (("full", TWIN, "-", "with the inversion"), ("no_inversion", FIRST, DOTTED, "without"))
+    return figure if _s2_ensemble(axes, cases, "stereology", variants) else None
+
+
+# ---- sample 2
+
+
+@styled
+def sample2(cases: Cases) -> Figure | None:
+    """Original block, slices of the original and of both packings."""
+    r = cases.twin("virtual_spheres")
+    if r is None:
+        return None
+    edge = _voxel(r) * r.volume("twin:twin.zarr.zip", "phase").shape[0]
+    figure = Figure(figsize=(WIDTH, 5.3))
+    grid = figure.subplots(2, 3).ravel()
+    reference = r.volume("sample:reference.zarr.zip", "phase")
+    figures.draw_block(grid[0], reference)
+    phase, _, pores, corner = _section_panels(r, edge)
+    for axes in grid[1:3]:
+        _image(axes, phase, r.pixel_size_um)
+    limits = grid[2].get_xlim(), grid[2].get_ylim()
+    _circles(grid[2], pores, corner)
+    grid[2].set(xlim=limits[0], ylim=limits[1])
+    for axes, name in zip(grid[3:], ("first/volume", "second/volume", "twin"), strict=True):
+        volume = r.volume(f"twin:{name}.zarr.zip", "phase")
+        _image(axes, volume[:, volume.shape[1] // 2], _voxel(r), up=True)
+    for axes in grid[1:]:
+        _bar(axes, edge)
+    names = ("original", "original, slice", "with inscribed circles", "first packing", "second packing",
+             "final")  # fmt: skip
+    for axes, letter, name in zip(grid, "abcdef", names, strict=True):
+        _letter(axes, letter, name)
+    handles = figures.mineral_handles(r.twin_phases)
+    handles += [
+        Patch(facecolor=to_rgba(PORE_CIRCLE, 0.6), edgecolor="#7A2E58", label="pore circle"),
+        Patch(facecolor=figures.VIRTUAL, edgecolor="black", label="virtual sphere"),
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=6)
+    return figure
+
+
+def _network_panel(axes, r: Results, slab_um: float) -> None:
+    """Pores and throats whose ends lie in a slab, seen from above."""
+    net = network.load(r.path("twin:network_pores.csv"), r.path("twin:network_throats.csv"))
+    place, inner = net["pore.coords"], ~net["pore.boundary"]
+    middle = (place[inner, 2].min() + place[inner, 2].max()) / 2
+    shown = inner & (np.abs(place[:, 2] - middle) < slab_um / 2)
+    ends = net["throat.conns"][shown[net["throat.conns"]].all(axis=1)]
+    axes.add_collection(
+        LineCollection([place[pair][:, :2] for pair in ends], colors="#777777", linewidths=0.6)
+    )
+    size = net["pore.extended_diameter"][shown]
+    axes.add_collection(
+        EllipseCollection(
+            size, size, np.zeros(len(size)), units="xy", offsets=place[shown, :2],
+            offset_transform=axes.transData, facecolor=to_rgba(TWIN, 0.55), edgecolor="black", linewidths=0.4,
+        )
+    )  # fmt: skip
+    edge = place[inner, :2].max()
+    axes.set(xlim=(0, edge), ylim=(0, edge), aspect="equal", xlabel="x (µm)", ylabel="y (µm)")
+
+
+def _pore_sizes(axes, volumes: Sequence[tuple], zoom: bool = True) -> None:
+    """Number densities of network pore radii, pooled over twins; the tail in an inset, logarithmic."""
+    pooled = [(np.concatenate(v), c, s, name) for v, c, s, name in volumes if v]
+    last = max(np.quantile(v, 0.999) for v, *_ in pooled)
+    edges = np.linspace(0, last, 26)
+    panels = [axes]
+    if zoom:
+        panels.append(axes.inset_axes([0.5, 0.38, 0.48, 0.4]))
+        panels[1].set_yscale("log")
+        panels[1].tick_params(labelsize=6)
+        panels[1].yaxis.set_major_formatter("{x:g}")
+        panels[1].yaxis.set_minor_formatter(NullFormatter())
+    for values, colour, style, name in pooled:
+        density = np.histogram(values, edges)[0] / len(values) / np.diff(edges)
+        for panel in panels:
+            panel.stairs(density, edges, color=colour, ls=style, lw=1.6, label=name)
+    axes.set(xlabel="network pore radius (µm)", ylabel="density (1/µm)", xlim=(0, last), ylim=(0, None))
+    axes.legend(fontsize=7, loc="upper right")
+
+
+def _radii(stems: Sequence[Path]) -> list[np.ndarray]:
+    return [
+        network.element_sizes(network.load(f"{s}_pores.csv", f"{s}_throats.csv"))["pore_radius_um"]
+        for s in stems
+    ]
+
+
+@styled
+def sample2_analysis(cases: Cases) -> Figure | None:
+    """Pore network, its sizes and S2, with the virtual spheres and without."""
+    r = cases.twin("virtual_spheres")
+    if r is None:
+        return None
+    figure = Figure(figsize=(WIDTH, 2.9))
+    panels = figure.subplots(1, 3)
+    _network_panel(panels[0], r, 2 * _grain_um(r))
+    _pore_sizes(
+        panels[1],
+        (
+            (_radii(cases.stems("virtual_spheres", "reference_network")), TRUTH, DASHED, "original"),
+            (_radii(cases.stems("virtual_spheres", "grains_only/*/network")), FIRST, DOTTED, "grains alone"),
+            (_radii(cases.stems("virtual_spheres", "full/*/network")), TWIN, "-", "with virtual spheres"),
+        ),
+    )
+    variants = (("full", TWIN, "-", "with spheres"), ("grains_only", FIRST, DOTTED, "grains alone"))
+    _s2_ensemble(panels[2], cases, "virtual_spheres", variants)
+    for axes, letter, name in zip(
+        panels, "abc", ("network of a twin, slab", "pores", "S₂ in 3D"), strict=True
+    ):
+        _letter(axes, letter, name)
+    return figure
+
+
+# ---- sample 3
+
+
+def _tomogram_panels(cases: Cases):
+    r = cases.twin("xct")
+    if r is None or r.volume("sample:tomogram/grey.zarr.zip") is None:
+        return None
+    rock = r.volume("sample:reference.zarr.zip", "phase")
+    grey = r.volume("sample:tomogram/grey.zarr.zip").astype(float)
+    solid = r.volume("sample:tomogram/reference.zarr.zip", "phase")
+    return r, rock, grey, solid, _voxel(r, "sample:tomogram/reference.zarr.zip")
+
+
+@styled
+def motivation(cases: Cases) -> Figure | None:
+    """The same plane of a rock as a section shows it and as a tomogram does."""
+    found = _tomogram_panels(cases)
+    if found is None:
+        return None
+    r, rock, grey, solid, voxel = found
+    plane = len(solid) // 2
+    figure = Figure(figsize=(WIDTH, 2.75))
+    panels = figure.subplots(1, 3)
+    fine = rock[rock.shape[0] * plane // len(solid)]
+    _image(panels[0], np.where(fine > 0, 0.95, 0.05), _voxel(r, "sample:reference.zarr.zip"), grey=True)
+    _image(panels[1], grey[plane], voxel, grey=True)
+    factor = rock.shape[0] // len(solid)
+    n = solid.shape[1] * factor
+    whole = fine[:n, :n].reshape(solid.shape[1], factor, solid.shape[2], factor).min(axis=(1, 3)) > 0
+    picture = np.where(solid[plane] > 0, 0.72, 1.0)[..., None] * np.ones(3)
+    picture[(solid[plane] == 0) & whole] = to_rgb(TWIN)
+    extent = panels[1].get_images()[0].get_extent()
+    _image(panels[2], np.zeros_like(solid[plane]), voxel)
+    panels[2].imshow(picture, extent=extent, interpolation="nearest")
+    names = ("the section", "tomogram", "tomogram, thresholded")
+    for axes, letter, name in zip(panels, "abc", names, strict=True):
+        _letter(axes, letter, name)
+        _bar(axes, solid.shape[2] * voxel)
+    handles = [
+        Patch(facecolor=(0.72,) * 3, edgecolor="black", lw=0.5, label="solid"),
+        Patch(facecolor="white", edgecolor="black", lw=0.5, label="pore"),
+        Patch(facecolor=TWIN, label="phantom pore: solid in the rock"),
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=3)
+    return figure
+
+
+@styled
+def sample3(cases: Cases) -> Figure | None:
+    """Tomogram, its binary image, the section, and slices of the reconstruction."""
+    found = _tomogram_panels(cases)
+    if found is None:
+        return None
+    r, _, grey, solid, voxel = found
+    edge = solid.shape[2] * voxel
+    figure = Figure(figsize=(WIDTH, 5.2))
+    grid = figure.subplots(2, 3).ravel()
+    plane = len(solid) // 2
+    _image(grid[0], grey[plane], voxel, grey=True)
+    _image(grid[1], np.where(solid[plane] > 0, 0.72, 1.2), voxel, grey=True)
+    phase, labels, _, _ = _section_panels(r, edge)
+    _image(grid[2], np.where(phase > 0, 0.72, 0.1), r.pixel_size_um, grey=True)
+    _image(grid[3], phase, r.pixel_size_um)
+    _outlines(grid[3], labels, r.pixel_size_um, "black", 0.5)
+    for axes, name in zip(grid[4:], ("first/volume", "twin"), strict=True):
+        volume = r.volume(f"twin:{name}.zarr.zip", "phase")
+        _image(axes, volume[:, volume.shape[1] // 2], _voxel(r), up=True)
+    names = (
+        "tomogram, slice",
+        "tomogram, thresholded",
+        "section",
+        "section, grains",
+        "first packing",
+        "final",
+    )
+    for axes, letter, name in zip(grid, "abcdef", names, strict=True):
+        _letter(axes, letter, name)
+        _bar(axes, edge)
+    return figure
+
+
+def _cloud(axes, volume: np.ndarray, voxel: float, colour: str, label: str, seed: int) -> np.ndarray:
+    """S2 of 20 random slices of a volume, and their mean."""
+    drawn = random.slices(np.random.default_rng(seed), volume.shape, 20)
+    table = correlation.s2_of_slices(volume, drawn, voxel)
+    curves = [g[["lag_um", "s2"]].to_numpy() for _, g in table.groupby("slice")]
+    axes.add_collection(LineCollection(curves, colors=to_rgba(colour, 0.35), linewidths=0.7))
+    mean = table.groupby("lag_um")["s2"].mean()
+    axes.plot(mean.index, mean, color=colour, lw=1.8, label=label)
+    return mean.index.to_numpy()
+
+
+@styled
+def sample3_analysis(cases: Cases) -> Figure | None:
+    """The twin, pore sizes of rock, tomogram and twin, and clouds of S2 on slices."""
+    found = _tomogram_panels(cases)
+    if found is None:
+        return None
+    r, _, _, solid, voxel = found
+    figure = Figure(figsize=(WIDTH, 2.9))
+    panels = figure.subplots(1, 3)
+    twin = r.volume("twin:twin.zarr.zip", "phase")
+    figures.draw_block(panels[0], twin)
+    _pore_sizes(
+        panels[1],
+        (
+            (_radii(cases.stems("xct", "reference_network")), TRUTH, DASHED, "the rock"),
+            (_radii(cases.stems("xct", "tomogram/reference_network")), FIRST, DOTTED, "tomogram"),
+            (_radii(cases.stems("xct", "full/*/network")), TWIN, "-", "twin"),
+        ),
+        zoom=False,
+    )
+    section = correlation.s2_image(r.section_phase > 0)
+    lags = _cloud(panels[2], solid, voxel, FIRST, "tomogram, 20 slices", 0)
+    _cloud(panels[2], twin, _voxel(r), TWIN, "twin, 20 slices", 1)
+    rock = radial(r.path("sample:reference_s2.csv"))
+    panels[2].plot(*rock, color=TRUTH, ls=DASHED, lw=2, label="the rock, 3D")
+    panels[2].plot(np.arange(len(section)) * r.pixel_size_um, section, color=SECTION, lw=1.2, label="section")
+    panels[2].set(xlim=(0, lags[-1] / 2), xlabel="lag (µm)", ylabel="S₂ of the solid (probability)")
+    panels[2].legend(fontsize=6.5)
+    for axes, letter, name in zip(panels, "abc", ("twin", "pores", "S₂ on slices"), strict=True):
+        _letter(axes, letter, name)
+    return figure
+
+
+@styled
+def berea(cases: Cases) -> Figure | None:
+    """A slice of the sandstone and of its twin, S2, pore sizes and K along the axes."""
+    r = cases.twin("berea")
+    volume = cases.root / "data/berea/reference.zarr.zip"
+    if r is None or not volume.exists():
+        return None
+    figure = Figure(figsize=(WIDTH, 5.0))
+    grid = figure.subplots(2, 3).ravel()
+    phase, pixel = r.section_phase, r.pixel_size_um
+    twin = r.volume("twin:twin.zarr.zip", "phase")
+    n = min(twin.shape[0], phase.shape[0])
+    _image(grid[0], phase[:n, :n], pixel)
+    _image(grid[1], twin[:, twin.shape[1] // 2][:n, :n], _voxel(r), up=True)
+    for axes in grid[:2]:
+        _bar(axes, n * pixel)
+    handles = [Patch(facecolor=MINERALS[0], label="grain"), Patch(facecolor=MINERALS[1], label="cement")]
+    grid[1].legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.02), ncols=2, fontsize=7)
+    lags, s2 = radial(cases.root / "data/berea/reference_s2.csv")
+    _s2_twins(grid[2], cases, lags[lags < 0.4 * r.pixel_size_um * 200])
+    grid[2].plot(lags, s2, color=TRUTH, ls=DASHED, lw=2.2, label="Berea")
+    grid[2].legend()
+    _pore_sizes(
+        grid[3],
+        (
+            (_radii([cases.root / "data/berea/reference_network"]), TRUTH, DASHED, "Berea"),
+            (_radii(cases.stems("berea", "full/*/network")), TWIN, "-", "twins"),
+        ),
+    )
+    every = io.read_volume(volume, "phase")[0] == 0
+    for axis, (name, style) in enumerate(zip("zyx", ("-", DASHED, DOTTED), strict=True)):
+        planes = every.mean(axis=tuple(a for a in range(3) if a != axis))
+        grid[4].plot(planes, ls=style, lw=1.1, color="#444444", label=f"normal to {name}")
+    grid[4].axhline(every.mean(), color=TRUTH, ls=DASHED, lw=1.8)
+    grid[4].set(xlabel="plane", ylabel="porosity of a slice", xlim=(0, len(planes) - 1))
+    grid[4].legend(fontsize=7, ncols=1)
+    _k_axes(grid[5], cases)
+    names = ("Berea, the slice seen", "a twin, slice", "S₂ in 3D", "pores", "one slice's porosity",
+             "permeability")  # fmt: skip
+    for axes, letter, name in zip(grid, "abcdef", names, strict=True):
+        _letter(axes, letter, name)
+    return figure
+
+
+def _s2_twins(axes, cases: Cases, grid: np.ndarray) -> None:
+    own = [radial(p) for p in cases.paths("berea", "full/*/s2_volume.csv")]
+    for curve in own:
+        axes.plot(grid, np.interp(grid, *curve), color=to_rgba(TWIN, 0.35), lw=0.8)
+    if own:
+        mean = np.mean([np.interp(grid, *c) for c in own], axis=0)
+        axes.plot(grid, mean, color=TWIN, lw=1.9, label=f"twins (n = {len(own)})")
+    axes.set(xlabel="lag (µm)", ylabel="S₂ of the solid (probability)", xlim=(0, grid[-1]))
+
+
+def _k_axes(axes, cases: Cases) -> None:
+    tables = [io.read_table(p) for p in cases.paths("berea", "full/*/flow.csv")]
+    reference = io.read_table(cases.root / "data/berea/reference_flow.csv")
+
+    def along(table, axis):
+        return table[(table["method"] == table["method"].iloc[0]) & (table["axis"] == axis)]["k_md"].iloc[0]
+
+    for x, axis in enumerate("xyz"):
+        values = [along(t, axis) for t in tables]
+        beside = x + np.linspace(-0.12, 0.12, len(values))
+        axes.plot(beside, values, "o", color=TWIN, ms=4, label="twins" if x == 0 else None)
+        axes.plot([x - 0.3, x + 0.3], [along(reference, axis)] * 2, color=TRUTH, ls=DASHED, lw=2,
+                  label="Berea, same method" if x == 0 else None)  # fmt: skip
+    axes.axhline(BEREA_PUBLISHED_MD, color=SECTION, lw=1, ls=DOTTED, label="published mean of cubes")
+    axes.set(xticks=range(3), xticklabels=list("xyz"), xlabel="axis", ylabel="K (mD)", ylim=(0, None))
+    axes.legend(fontsize=6.5)
+
+
+# ---- across the cases
+
+
+@styled
+def cv_sweep(cases: Cases) -> Figure | None:
+    """Mean radius, K, K/R² and K over the squared Sauter radius against the spread of sizes."""
+    paths = sorted((cases.root / "cv_sweep").glob("*/*.csv"))
+    if not paths:
+        return None
+    table = pd.concat([io.read_table(p) for p in paths])
+    table["k_over_r2"] = table["k_md"] / table["r_um"] ** 2
+    table["k_over_rs2"] = table["k_md"] / table["r_sauter_um"] ** 2
+    truth = table[table["variant"] == "truth"].set_index(["cv", "truth"])
+    figure = Figure(figsize=(WIDTH, 2.7))
+    panels = figure.subplots(1, 4)
+    names = (("r_um", "mean radius over the truth's"), ("k_md", "K over the truth's"),
+             ("k_over_r2", "K/R² over the truth's"),
+             ("k_over_rs2", "K/R₃₂² over the truth's"))  # fmt: skip
+    looks = (("full", TWIN, "o", "with the inversion"), ("no_inversion", FIRST, "s", "without"))
+    for axes, letter, (column, label) in zip(panels, "abcd", names, strict=True):
+        for shift, (variant, colour, mark, name) in zip((-0.006, 0.006), looks, strict=True):
+            own = table[table["variant"] == variant].set_index(["cv", "truth"])
+            ratio = (own[column] / truth[column]).groupby("cv")
+            mean, n = ratio.mean(), ratio.size()
+            axes.plot(
+                ratio.obj.index.get_level_values("cv") + shift,
+                ratio.obj,
+                mark,
+                ms=2.5,
+                color=to_rgba(colour, 0.45),
+            )
+            count = f"{n.max()}" if n.min() == n.max() else f"{n.min()} to {n.max()}"
+            axes.plot(
+                mean.index + shift, mean, color=colour, marker=mark, ms=5, lw=1.3, mec="black", mew=0.5,
+                label=f"{name} (n = {count})",
+            )  # fmt: skip
+        axes.axhline(1, color="black", lw=0.8)
+        if column == "r_um":
+            cv = np.linspace(0, 0.75, 100)
+            axes.plot(cv, np.pi / 4 * (1 + cv**2), color=SECTION, ls=DASHED, lw=1.2, label="(π/4)(1 + CV²)")
+        axes.set(xlabel="CV of the true radii", ylabel=label, xlim=(0.03, 0.77))
+        _letter(axes, letter)
+    panels[1].axhline(
+        PAPER["stereology", "no_inversion", "k_ratio"],
+        color="#7A7A7A",
+        ls=DOTTED,
+        lw=1.4,
+        label="paper, without",
+    )
+    handles = {
+        label: handle
+        for axes in panels
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
+    }
+    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=4)
+    return figure
+
+
+@styled
+def permeability(cases: Cases) -> Figure | None:
+    """K over the truth's of every case and variant: ours with its interval, and the paper's."""
+    table = io.read_table(cases.root / "validation.csv")
+    rows = table[(table["quantity"] == "k_ratio") & (table["variant"] != "truth")].reset_index(drop=True)
+    if rows.empty:
+        return None
+    figure = Figure(figsize=(WIDTH * 0.8, 0.9 + 0.33 * len(rows)))
+    axes = figure.add_subplot()
+    for y, row in rows.iterrows():
+        error = (
+            None if np.isnan(row["lower"]) else [[row["mean"] - row["lower"]], [row["upper"] - row["mean"]]]
+        )
+        axes.errorbar(row["mean"], y, xerr=error, fmt="o", color=TWIN, ms=5, capsize=3, lw=1.5,
+                      label="ours, 95 % interval" if y == 0 else None)  # fmt: skip
+        if not np.isnan(row["paper"]):
+            axes.plot(row["paper"], y, "D", color=SECTION, mfc="none", ms=6)
+    axes.plot([], [], "D", color=SECTION, mfc="none", ms=6, label="paper, one realization")
+    axes.axvline(1, color=TRUTH, ls=DASHED, lw=1.6, label="truth")
+    axes.axvspan(0.9, 1.1, color=to_rgba(TRUTH, 0.12), lw=0)
+    names = [f"{r['case']}, {r['variant']} (n = {r['n']})".replace("_", " ") for _, r in rows.iterrows()]
+    axes.set(yticks=range(len(rows)), yticklabels=names, xlabel=describe("k_ratio").label, xlim=(0, None))
+    axes.set_ylim(len(rows) - 0.5, -0.5)
+    axes.legend(loc="best", fontsize=7)
+    return figure
+
+
+class Drawn(NamedTuple):
+    """A figure of the validation page."""
+
+    draw: Callable[[Cases], Figure | None]
+    paper: str
+    """The figure of the paper that it stands for."""
+    caption: str
+
+
+FIGURES: dict[str, Drawn] = {
+    "permeability": Drawn(
+        permeability,
+        "-",
+        "Permeability over the truth's by the same method, of every case and variant. Dots: our "
+        "ensembles with 95 % intervals; open diamonds: the paper's single figures; the band is 10 %.",
+    ),
+    "motivation": Drawn(
+        motivation,
+        "Motivation",
+        "One plane of a virtual rock: as a section shows it, as the simulated tomogram shows it, and "
+        "the tomogram thresholded. Orange: phantom pores, solid in the rock.",
+    ),
+    "pipeline": Drawn(
+        pipeline,
+        "Overall workflow",
+        "The workflow, every picture from one run of case 2.",
+    ),
+    "masks": Drawn(
+        masks,
+        "Grain mask extraction",
+        "A window of the section: solid and pore, grain masks, minerals, inscribed pore circles.",
+    ),
+    "sizes2d": Drawn(
+        sizes2d,
+        "f2D of two granular phases and pore circles",
+        "Radii in the section of two minerals and of the pore circles, number densities.",
+    ),
+    "grain": Drawn(
+        grain,
+        "Grain reconstruction from three masks",
+        "Three masks of the section at right angles, stretched to meet; the grain that has them as "
+        "its central sections.",
+    ),
+    "two_packing": Drawn(
+        two_packing,
+        "Two-stage packing",
+        "One vertical slice: grains alone, grains with virtual spheres, and the twin.",
+    ),
+    "virtual_sizes": Drawn(
+        virtual_sizes,
+        "Distributions of virtual spheres",
+        "Pore circles of section and first packing, unfolded; their difference, and the sizes that "
+        "the virtual spheres got.",
+    ),
+    "sample1_full": Drawn(
+        sample1_full,
+        "Sample 1 with recalculation",
+        "Case 1 with the inversion. 3D: the truth's grains against the twin's.",
+    ),
+    "sample1_no_inversion": Drawn(
+        sample1_no_inversion,
+        "Sample 1 without recalculation",
+        "Case 1, radii of the section taken for radii of grains.",
+    ),
+    "sample1_s2": Drawn(
+        sample1_s2,
+        "Sample 1: S2",
+        "Case 1: S₂ in 3D. Thin: single twins; band: the range of the truths.",
+    ),
+    "sample2": Drawn(
+        sample2,
+        "Sample 2: original and reconstructed",
+        "Case 2: the original block and slices; first packing, second packing, final twin.",
+    ),
+    "sample2_analysis": Drawn(
+        sample2_analysis,
+        "Sample 2: structural analysis",
+        "Case 2: pore network of a twin (a slab two grains thick), radii of network pores (inset: "
+        "logarithmic), S₂ in 3D.",
+    ),
+    "sample3": Drawn(
+        sample3,
+        "Sample 3: experimental and reconstructed",
+        "Case 3c: tomogram, tomogram thresholded, section, its grains, first packing, final twin.",
+    ),
+    "sample3_analysis": Drawn(
+        sample3_analysis,
+        "Sample 3: structural analysis",
+        "Case 3c: a twin, radii of network pores, S₂ of 20 slices each of tomogram and twin.",
+    ),
+    "berea": Drawn(
+        berea,
+        "-",
+        "Case 3a: one slice of Berea and a twin made of it, S₂ in 3D, pore sizes, the porosity of "
+        "every single slice, K along the axes.",
+    ),
+    "cv_sweep": Drawn(
+        cv_sweep,
+        "-",
+        "Spheres: what the section says of the mean radius, and K of packs of those sizes, as "
+        "it is and over the squares of their mean and of their Sauter radius (volume to surface), against "
+        "the spread of the true radii; with the inversion and without.",
+    ),
+}
+"""Every figure of the validation page by its name, in the order of the paper."""

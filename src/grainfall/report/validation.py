@@ -1,0 +1,424 @@
+"""The validation cases: what the paper says, what the truth is, what the twins are, with intervals.
+
+A case is a study of its own config (``config/cases``). Whatever of its twins is finished is gathered; so a
+page can be made of a study that still runs, and ``n`` says of how many twins.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+from grainfall import io, network
+from grainfall.report.tables import t_interval
+
+COLUMNS = ("case", "variant", "quantity", "unit", "paper", "truth", "mean", "lower", "upper", "n")
+"""Columns of results/validation.csv."""
+
+PAPER: dict[tuple[str, str, str], float] = {
+    ("stereology", "truth", "porosity"): 0.227,
+    ("stereology", "full", "porosity"): 0.227,
+    ("stereology", "no_inversion", "porosity"): 0.227,
+    ("stereology", "truth", "k_md"): 1080,
+    ("stereology", "full", "k_md"): 1272,
+    ("stereology", "no_inversion", "k_md"): 559,
+    ("virtual_spheres", "truth", "porosity"): 0.4304,
+    ("virtual_spheres", "full", "porosity"): 0.4306,
+    ("virtual_spheres", "grains_only", "porosity"): 0.2339,
+    ("virtual_spheres", "truth", "k_md"): 3305,
+    ("virtual_spheres", "full", "k_md"): 2861,
+    ("virtual_spheres", "grains_only", "k_md"): 1062,
+    ("xct", "truth", "porosity"): 0.3319,
+    ("xct", "full", "porosity"): 0.3325,
+    ("xct", "full", "k_md"): 1183,
+    ("xct", "tomogram", "k_md"): 1284,
+}
+"""The paper's single numbers, where it gives one (its results section)."""
+for _case, _truth in (("stereology", 1080), ("virtual_spheres", 3305)):
+    PAPER |= {
+        (_case, variant, "k_ratio"): value / _truth
+        for (case, variant, quantity), value in list(PAPER.items())
+        if case == _case and quantity == "k_md" and variant != "truth"
+    }
+PAPER["stereology", "no_inversion", "k_of_full"] = 559 / 1272
+PAPER["virtual_spheres", "grains_only", "k_of_full"] = 1062 / 2861
+
+BEREA_PUBLISHED_MD = 1630.0
+"""Published mean Stokes permeability of the 27 cubes of 128^3 voxels of Berea, three directions."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What a row of the table is about."""
+
+    label: str
+    unit: str = "1"
+
+
+QUANTITIES: dict[str, Quantity] = {
+    "porosity": Quantity("porosity"),
+    "porosity_first": Quantity("porosity of the first packing (grains alone)"),
+    "porosity_miss": Quantity("largest distance of a twin's porosity from its target"),
+    "porosity_section": Quantity("porosity of the one section that the workflow saw"),
+    "porosity_any_slice": Quantity("porosity of one slice, all slices of the volume (2.5 to 97.5 %)"),
+    "k_any_slice": Quantity(
+        "K if one slice's porosity were the target, over K (Kozeny-Carman, 2.5 to 97.5 %)"
+    ),
+    "cement_share": Quantity("cement, share of the volume"),
+    "k_md": Quantity("permeability, mean of three axes", "mD"),
+    "k_x_md": Quantity("permeability along x", "mD"),
+    "k_y_md": Quantity("permeability along y", "mD"),
+    "k_z_md": Quantity("permeability along z", "mD"),
+    "k_ratio": Quantity("permeability over the truth's"),
+    "k_of_full": Quantity("permeability over that of the full method, same numbers drawn"),
+    "k_over_r2": Quantity("permeability over the squared mean grain radius", "mD/µm²"),
+    "k_over_r2_ratio": Quantity("the same over the truth's"),
+    "k_over_rs2_ratio": Quantity(
+        "permeability over the squared Sauter (volume to surface) radius, over the truth's"
+    ),
+    "k_at_equal_n": Quantity(
+        "permeability over the truth's, both scaled to equally many grains in a volume (size taken out)"
+    ),
+    "n_ratio": Quantity("grains in a volume over the truth's"),
+    "r_mean_ratio": Quantity("mean 3D grain radius over the truth's"),
+    "w1_f3d": Quantity("3D grain radii, Wasserstein distance to the truth over its mean"),
+    "s2_gap": Quantity("S₂ in 3D, largest distance to the truth's"),
+    "pore_r_um": Quantity("network pore radius, mean", "µm"),
+    "pore_r95_um": Quantity("network pore radius, 95 % quantile (tail of large pores)", "µm"),
+    "throat_r_um": Quantity("network throat radius, mean", "µm"),
+    "w1_pores": Quantity("network pore radii, Wasserstein distance to the truth over its mean"),
+    "s2_envelope_p": Quantity("envelope test of the section's S₂ among slices, p"),
+    "phantom": Quantity("phantom pores: solid taken for pore, share of the solid"),
+}
+"""Every quantity of the table by its name there."""
+
+
+def describe(quantity: str) -> Quantity:
+    """Label and unit of a quantity; those of the sweep carry their CV in the name.
+
+    Raises
+    ------
+    KeyError
+        For a quantity without words.
+    """
+    base, _, cv = quantity.partition("@cv")
+    known = QUANTITIES[base]
+    return Quantity(f"{known.label}, CV {cv}", known.unit) if cv else known
+
+
+# ---- what a twin is
+
+
+def gather(results: str | Path, cases: Mapping[str, Mapping]) -> pd.DataFrame:
+    """Every figure of every finished twin of the cases, one a row.
+
+    Parameters
+    ----------
+    results : path
+    cases : mapping
+        Case to ``{"samples": [...], "variants": [...]}``.
+
+    Returns
+    -------
+    DataFrame
+        case, sample, variant, realization (-1: of the sample), quantity, value, truth.
+    """
+    root, rows = Path(results), []
+    for case, study in cases.items():
+        if case == "cv_sweep":
+            rows += _of_sweep(root)
+            continue
+        for sample in study["samples"]:
+            twins = []
+            truth = _truth(root / sample)
+            for variant in study["variants"]:
+                for path in sorted((root / sample / variant).glob("*/metrics.csv")):
+                    twins.append((variant, int(path.parent.name), _of_twin(path.parent, truth, sample)))
+            if not twins:
+                continue
+            held = twins[0][2]["porosity"][1]
+            twins += [
+                ("truth", -1, _of_truth(truth, held)),
+                ("section", -1, _of_section(root / sample, held)),
+            ]
+            if (root / sample / "tomogram/reference_flow.csv").exists():
+                twins.append(("tomogram", -1, _of_tomogram(root / sample, truth)))
+            rows += [
+                (case, sample, variant, realization, quantity, value, aim)
+                for variant, realization, found in twins
+                for quantity, (value, aim) in found.items()
+                if value is not None
+            ]
+            rows += _paired(case, sample, twins)
+    columns = ["case", "sample", "variant", "realization", "quantity", "value", "truth"]
+    return pd.DataFrame(rows, columns=columns).astype({"value": float, "truth": float})
+
+
+def _paired(case: str, sample: str, twins: Sequence) -> list[tuple]:
+    """K of every other variant over that of ``full``, realization by realization."""
+    k = {(variant, n): found["k_md"][0] for variant, n, found in twins if n >= 0}
+    return [
+        (case, sample, variant, n, "k_of_full", value / k["full", n], None)
+        for (variant, n), value in k.items()
+        if variant != "full" and k.get(("full", n))
+    ]
+
+
+def _truth(sample: Path) -> dict:
+    """What is known of the rock itself, where there is a 3D reference."""
+    found: dict = {}
+    if (sample / "reference_flow.csv").exists() and (sample / "reference_s2.csv").exists():
+        found["k"] = _k(sample / "reference_flow.csv")
+        found["s2"] = radial(sample / "reference_s2.csv")
+        found["porosity"] = 1 - float(found["s2"][1][0])
+        found["sizes"] = _network_sizes(sample / "reference_network")
+    if (sample / "truth_sizes.csv").exists():
+        found["grains"] = io.read_table(sample / "truth_sizes.csv")
+    return found
+
+
+def _k(path: Path) -> dict[str, float]:
+    """K by axis, by the first method of a flow table, and its mean."""
+    table = io.read_table(path)
+    along = table[table["method"] == table["method"].iloc[0]].set_index("axis")["k_md"]
+    return {"md": float(along[list("xyz")].mean()), **{f"{a}_md": float(along[a]) for a in "xyz"}}
+
+
+def radial(path: Path, column: str = "axis") -> tuple[np.ndarray, np.ndarray]:
+    """Lags and S2, mean of the three axes, of an S2 table."""
+    table = io.read_table(path)
+    mean = table[table[column].isin(list("xyz"))].groupby("lag_um")["s2"].mean()
+    return mean.index.to_numpy(), mean.to_numpy()
+
+
+def _network_sizes(stem: Path) -> dict[str, np.ndarray]:
+    return network.element_sizes(network.load(f"{stem}_pores.csv", f"{stem}_throats.csv"))
+
+
+def _pore_figures(sizes: Mapping, truth: Mapping) -> dict[str, tuple]:
+    other = truth.get("sizes")
+    pores, throats = sizes["pore_radius_um"], sizes["throat_radius_um"]
+    if not len(pores) or not len(throats):
+        return {}
+
+    def of(measure, kind):
+        return (measure(sizes[kind]), measure(other[kind]) if other else None)
+
+    found = {
+        "pore_r_um": of(np.mean, "pore_radius_um"),
+        "pore_r95_um": of(lambda r: np.quantile(r, 0.95), "pore_radius_um"),
+        "throat_r_um": of(np.mean, "throat_radius_um"),
+    }
+    if other:
+        mean = other["pore_radius_um"].mean()
+        found["w1_pores"] = (stats.wasserstein_distance(pores, other["pore_radius_um"]) / mean, 0.0)
+    return found
+
+
+def _s2_gap(curve: tuple, truth: Mapping) -> tuple:
+    if "s2" not in truth:
+        return (None, None)
+    lags, values = truth["s2"]
+    seen = lags <= curve[0].max()
+    return (float(np.abs(np.interp(lags[seen], *curve) - values[seen]).max()), 0.0)
+
+
+def _of_twin(folder: Path, truth: Mapping, sample: str) -> dict[str, tuple]:
+    """Quantity to (value, truth) of one twin."""
+    metrics = io.read_table(folder / "metrics.csv").set_index("metric")["value"]
+    scene = io.read_json(folder.parent / "scene.json")
+    target = scene["porosity_target"]
+    # a target that was held is the truth's; one that the section gave is to be judged by it
+    held = truth.get("porosity", target) if scene["porosity_source"].startswith("areal") else target
+    k, k_ref = _k(folder / "flow.csv"), truth.get("k", {})
+    found: dict[str, tuple] = {
+        "porosity": (metrics["porosity"], held),
+        "porosity_first": (metrics["porosity_first"], None),
+        "porosity_miss": (abs(metrics["porosity"] - target), 0.0),
+        "cement_share": (metrics.get("cement_share"), None),
+        **{f"k_{axis}": (k[axis], k_ref.get(axis)) for axis in k},
+        "k_ratio": (k["md"] / k_ref["md"] if k_ref else None, 1.0),
+        "s2_gap": _s2_gap(radial(folder / "s2_volume.csv"), truth),
+        "s2_envelope_p": (metrics.get("s2_envelope_p"), None),
+        **_pore_figures(_network_sizes(folder / "network"), truth),
+    }
+    if "grains" in truth and "k" in truth:
+        bodies = io.read_table(folder / "bodies.csv")
+        # a cemented grain is as large as it was before room was made for its rim
+        bodies["scale"] /= io.read_json(folder / "cement.json").get("room", 1.0)
+        found |= _grain_figures(bodies[bodies["kind"] == "grain"], truth["grains"], k["md"], k_ref["md"])
+        # everything scales with the distance of the grains: K times the 2/3 power of their number does not
+        box = (4 / 3 * np.pi * truth["grains"]["r_um"] ** 3).sum() / (1 - held)
+        n = metrics["n_grains"] / (np.prod(scene["shape_zyx"]) * scene["voxel_size_um"] ** 3)
+        n_ratio = n / (len(truth["grains"]) / box)
+        found |= {
+            "n_ratio": (n_ratio, 1.0),
+            "k_at_equal_n": (k["md"] / k_ref["md"] * n_ratio ** (2 / 3), 1.0),
+        }
+    return found
+
+
+def _grain_figures(bodies: pd.DataFrame, grains: pd.DataFrame, k: float, k_ref: float) -> dict[str, tuple]:
+    """Sizes by mineral, weighted as the truth has the minerals; K over the squared mean radius of all."""
+    ratios, distances, shares = [], [], []
+    for phase, true in grains.groupby("phase")["r_um"]:
+        own = bodies.loc[bodies["phase"] == phase, "scale"]
+        ratios.append(own.mean() / true.mean())
+        distances.append(stats.wasserstein_distance(own, true) / true.mean())
+        shares.append(len(true))
+    r, r_ref = bodies["scale"].mean(), grains["r_um"].mean()
+    return {
+        "r_mean_ratio": (np.average(ratios, weights=shares), 1.0),
+        "w1_f3d": (np.average(distances, weights=shares), 0.0),
+        "k_over_r2": (k / r**2, k_ref / r_ref**2),
+        "k_over_r2_ratio": (k / r**2 / (k_ref / r_ref**2), 1.0),
+    }
+
+
+def _of_truth(truth: Mapping, held: float) -> dict[str, tuple]:
+    if "k" not in truth:
+        return {}
+    sizes = truth["sizes"]
+    return {
+        "porosity": (truth["porosity"], held),
+        **{f"k_{axis}": (value, value) for axis, value in truth["k"].items()},
+        **{q: (value, value) for q, (value, _) in _pore_figures(sizes, {}).items()},
+    }
+
+
+def _of_section(sample: Path, held: float) -> dict[str, tuple]:
+    return {"porosity_section": (io.read_json(sample / "section.json")["porosity"], held)}
+
+
+def _of_tomogram(sample: Path, truth: Mapping) -> dict[str, tuple]:
+    folder = sample / "tomogram"
+    about, k = io.read_json(folder / "tomogram.json"), _k(folder / "reference_flow.csv")
+    found = {
+        "porosity": (about["porosity"], truth["porosity"]),
+        "phantom": (about["phantom"], 0.0),
+        **{f"k_{axis}": (k[axis], truth["k"][axis]) for axis in k},
+        "k_ratio": (k["md"] / truth["k"]["md"], 1.0),
+        "s2_gap": _s2_gap(radial(folder / "reference_s2.csv"), truth),
+        **_pore_figures(_network_sizes(folder / "reference_network"), truth),
+    }
+    if (folder / "s2_envelope.json").exists():
+        found["s2_envelope_p"] = (io.read_json(folder / "s2_envelope.json")["p"], None)
+    return found
+
+
+def _of_sweep(root: Path) -> list[tuple]:
+    """K and K over the squared radius against the truth's, by CV."""
+    rows = []
+    for path in sorted((root / "cv_sweep").glob("*/*.csv")):
+        table = io.read_table(path).set_index("variant")
+        cv, n = f"{table['cv'].iloc[0]:g}", int(table["truth"].iloc[0])
+        true = table.loc["truth"]
+        for variant, row in table.drop("truth").iterrows():
+            values = {
+                "r_mean_ratio": row["r_um"] / true["r_um"],
+                "k_ratio": row["k_md"] / true["k_md"],
+                **{
+                    name: row["k_md"] / row[r] ** 2 / (true["k_md"] / true[r] ** 2)
+                    for name, r in (("k_over_r2_ratio", "r_um"), ("k_over_rs2_ratio", "r_sauter_um"))
+                },
+            }
+            rows += [
+                ("cv_sweep", f"truth_{n}", variant, 0, f"{quantity}@cv{cv}", value, 1.0)
+                for quantity, value in values.items()
+            ]
+    return rows
+
+
+def slice_porosities(phase: np.ndarray) -> np.ndarray:
+    """Porosity of every plane of a volume, along its three axes."""
+    pore = phase == 0
+    return np.concatenate([pore.mean(axis=tuple(a for a in range(3) if a != axis)) for axis in range(3)])
+
+
+# ---- the table
+
+
+def aggregate(figures: pd.DataFrame) -> pd.DataFrame:
+    """Means with 95 % intervals.
+
+    Where there are several truths they are what was drawn independently: twins of one truth are averaged
+    first and the t-interval is over truths. With a single truth it is over its twins, and says nothing of
+    other truths. The largest distance from a target is the largest, not a mean.
+
+    Parameters
+    ----------
+    figures : DataFrame
+        As :func:`gather` gives it.
+
+    Returns
+    -------
+    DataFrame
+        :data:`COLUMNS`, and ``truths``: how many.
+    """
+    rows = []
+    for (case, variant, quantity), group in figures.groupby(["case", "variant", "quantity"], sort=False):
+        by_truth = group.groupby("sample")[["value", "truth"]].mean()
+        n, truths = len(group), len(by_truth)
+        truth = by_truth["truth"].mean()
+        if quantity == "porosity_miss":
+            mean, lower, upper = group["value"].max(), math.nan, math.nan
+        elif quantity == "s2_envelope_p":  # one test for all twins of a truth
+            _, mean, lower, upper = t_interval(by_truth["value"].to_numpy(float))
+        else:
+            _, mean, lower, upper = t_interval((by_truth if truths > 1 else group)["value"].to_numpy(float))
+        base = quantity.partition("@")[0]
+        rows.append(
+            (case, variant, quantity, describe(quantity).unit, PAPER.get((case, variant, base)), truth, mean,
+             lower, upper, n, truths)
+        )  # fmt: skip
+    return pd.DataFrame(rows, columns=[*COLUMNS, "truths"])
+
+
+def berea_slices(phase: np.ndarray) -> list[dict]:
+    """Rows of the table: what one slice's porosity would do, from all slices of the volume."""
+    each, whole = slice_porosities(phase), float((phase == 0).mean())
+
+    def carman(porosity):
+        return porosity**3 / (1 - porosity) ** 2
+
+    rows = []
+    for quantity, values, truth in (
+        ("porosity_any_slice", each, whole),
+        ("k_any_slice", carman(each) / carman(whole), 1.0),
+    ):
+        lower, upper = np.quantile(values, [0.025, 0.975])
+        rows.append(
+            {
+                "case": "berea", "variant": "section", "quantity": quantity, "unit": describe(quantity).unit,
+                "paper": math.nan, "truth": truth, "mean": values.mean(), "lower": lower, "upper": upper,
+                "n": len(values), "truths": 1,
+            }
+        )  # fmt: skip
+    return rows
+
+
+def validation_table(results: str | Path, cases: Mapping[str, Mapping]) -> pd.DataFrame:
+    """All cases, as far as they have come: :data:`COLUMNS` and ``truths``.
+
+    Parameters
+    ----------
+    results : path
+    cases : mapping
+        As for :func:`gather`.
+    """
+    table = aggregate(gather(results, cases))
+    volume = Path(results) / "data/berea/reference.zarr.zip"
+    if volume.exists() and "berea" in cases:
+        extra = pd.DataFrame(berea_slices(io.read_volume(volume, "phase")[0]))
+        table = pd.concat([table, extra], ignore_index=True) if len(table) else extra
+    order = {case: i for i, case in enumerate(cases)}
+    table["_case"] = table["case"].map(order)
+    table["_quantity"] = [list(QUANTITIES).index(q.partition("@")[0]) for q in table["quantity"]]
+    table = table.sort_values(["_case", "_quantity"], kind="stable", ignore_index=True)
+    return table.drop(columns=["_case", "_quantity"])

@@ -1,0 +1,101 @@
+"""The validation page: the paper's figures and ours side by side, for a reader who does not believe us."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import pandas as pd
+import yaml
+from jinja2 import Environment, PackageLoader, select_autoescape
+
+from grainfall import __version__, io
+from grainfall.report.claims import claims
+from grainfall.report.html import data_uri
+from grainfall.report.paper_figures import FIGURES
+from grainfall.report.tables import number
+from grainfall.report.validation import describe
+
+_WORDS = Path(__file__).with_name("templates") / "validation.yaml"
+
+
+def cases_in_words() -> dict[str, dict]:
+    """Of each case, in the order of the page: title, done, differs (optional), figures."""
+    return yaml.safe_load(_WORDS.read_text(encoding="utf-8"))
+
+
+def build_validation(
+    results: str | Path, table: pd.DataFrame, out: str | Path, drawn: Mapping[str, Path]
+) -> None:
+    """Write the page as one HTML file that needs nothing else.
+
+    Parameters
+    ----------
+    results : path
+    table : DataFrame
+        As :func:`grainfall.report.validation.validation_table` gives it.
+    out : path
+    drawn : mapping
+        Figure name to its SVG file; those that are missing are said to be.
+    """
+    environment = Environment(
+        loader=PackageLoader("grainfall.report"),
+        autoescape=select_autoescape(),
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["number"] = number
+    environment.filters["words"] = lambda text: str(text).replace("_", " ")
+    every = claims(table)
+    parts = []
+    words = cases_in_words()
+    for case, said in words.items():
+        rows = table[table["case"] == case]
+        if rows.empty:
+            continue
+        parts.append(
+            {
+                "case": case,
+                **said,
+                "claims": [c for c in every if c.case == case],
+                "rows": [_row(r) for r in rows.to_dict("records")],
+                "figures": [_figure(name, drawn.get(name)) for name in said["figures"]],
+            }
+        )
+    page = environment.get_template("validation.html.j2").render(
+        parts=parts,
+        shown={part["case"] for part in parts},
+        claims=every,
+        overview=_figure("permeability", drawn.get("permeability")),
+        version=__version__,
+        twins=_twins(Path(results)),
+        missing=[said["title"] for case, said in words.items() if case not in set(table["case"])],
+    )
+    io.write_text(out, page)
+
+
+def _row(row: Mapping) -> dict:
+    known = describe(row["quantity"])
+    interval = "" if math.isnan(row["lower"]) else f"{number(row['lower'])} to {number(row['upper'])}"
+    cells = {k: number(row[k], 4) for k in ("paper", "truth", "mean")}
+    if row["variant"] == "truth" and row["truth"] == row["mean"]:
+        cells["truth"] = ""
+    return {
+        **row,
+        **cells,
+        "label": known.label,
+        "unit": "" if known.unit == "1" else known.unit,
+        "interval": interval,
+    }
+
+
+def _figure(name: str, path: Path | None) -> dict:
+    entry = FIGURES[name]
+    there = path is not None and path.exists()
+    image = data_uri(path) if there else None
+    return {"name": name, "caption": entry.caption, "paper": entry.paper, "image": image}
+
+
+def _twins(root: Path) -> int:
+    return len(list(root.glob("*/*/*/metrics.csv")))

@@ -1,0 +1,59 @@
+"""A volume that somebody else published: nothing is taken from it before its checksum is known."""
+
+from __future__ import annotations
+
+import hashlib
+import tempfile
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from grainfall.errors import InputError
+from grainfall.section.read import read_reference
+
+
+def read_known_volume(
+    path: str | Path, voxel_size_um: float, files: Mapping[str, int]
+) -> tuple[np.ndarray, float]:
+    """Read a published volume, or a zip that holds just that one file.
+
+    Parameters
+    ----------
+    path : str or Path
+    voxel_size_um : float
+        Edge of a voxel, micrometres.
+    files : mapping of str to int
+        SHA-256 of every known form of the file, with the value that is pore in it.
+
+    Returns
+    -------
+    volume : (z, y, x) uint8
+        0 pore, 1 solid.
+    voxel_size_um : float
+
+    Raises
+    ------
+    InputError
+        When the file is none of those known, or cannot be read.
+    """
+    try:
+        with open(path, "rb") as stream:
+            digest = hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError as fault:
+        raise InputError(path, fault.strerror or "cannot be read", "give the path of the volume") from None
+    if digest not in files:
+        raise InputError(
+            path,
+            f"has SHA-256 {digest}",
+            f"another file, or a damaged one; known are {', '.join(files)}",
+        )
+    pore = files[digest]
+    if not zipfile.is_zipfile(path) or Path(path).suffix != ".zip":
+        return read_reference(path, voxel_size_um, pore_value=pore)
+    with zipfile.ZipFile(path) as archive, tempfile.TemporaryDirectory() as folder:
+        members = [m for m in archive.infolist() if not m.is_dir()]
+        if len(members) != 1:
+            raise InputError(path, f"holds {len(members)} files", "a zip with one volume in it")
+        return read_reference(archive.extract(members[0], folder), voxel_size_um, pore_value=pore)

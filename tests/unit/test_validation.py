@@ -1,0 +1,131 @@
+"""The validation table and its words follow from the twins' figures, and from nothing else."""
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from grainfall.report.claims import NOT_SHOWN, OPEN, SHOWN, claims, row_of
+from grainfall.report.paper_figures import FIGURES
+from grainfall.report.tables import t_interval
+from grainfall.report.validation import COLUMNS, PAPER, aggregate, berea_slices, describe, slice_porosities
+from grainfall.report.validation_page import cases_in_words
+
+
+def figures(values, case="stereology", variant="full", quantity="k_ratio", truth=1.0):
+    """Long figures of the given samples: {sample: [value of each realization]}."""
+    rows = [
+        (case, sample, variant, n, quantity, value, truth)
+        for sample, own in values.items()
+        for n, value in enumerate(own)
+    ]
+    return pd.DataFrame(
+        rows, columns=["case", "sample", "variant", "realization", "quantity", "value", "truth"]
+    )
+
+
+def test_interval_is_over_truths_where_there_are_several():
+    """Many twins of two truths are two independent things, not many."""
+    own = {"a": [1.0, 1.02, 0.98], "b": [1.4, 1.38, 1.42]}
+    row = aggregate(figures(own)).iloc[0]
+    _, mean, lower, upper = t_interval(np.array([1.0, 1.4]))
+    assert (row["mean"], row["lower"], row["upper"]) == pytest.approx((mean, lower, upper))
+    assert (row["n"], row["truths"]) == (6, 2)
+
+
+def test_a_single_truth_has_the_interval_of_its_twins_and_a_single_twin_none():
+    row = aggregate(figures({"a": [1.0, 1.2, 1.1]})).iloc[0]
+    assert row["lower"] < 1.1 < row["upper"]
+    assert aggregate(figures({"a": [1.0]})).iloc[0][["lower", "upper"]].isna().all()
+
+
+def test_a_miss_is_the_largest_one():
+    row = aggregate(figures({"a": [1e-5, 4e-4], "b": [2e-5]}, quantity="porosity_miss", truth=0.0)).iloc[0]
+    assert row["mean"] == 4e-4
+
+
+def test_paper_numbers_stand_beside_their_own_quantity():
+    table = aggregate(pd.concat([figures({"a": [900.0]}, quantity="k_md"), figures({"a": [0.9]})]))
+    assert table.set_index("quantity")["paper"].to_dict() == pytest.approx(
+        {"k_md": 1272, "k_ratio": 1272 / 1080}
+    )
+    assert set(COLUMNS) <= set(table.columns)
+    for _, _, quantity in PAPER:
+        assert describe(quantity).label
+
+
+def verdict(values, **over):
+    return next(
+        c for c in claims(aggregate(figures(values, **over))) if c.claim.startswith("With the inversion")
+    )
+
+
+@pytest.mark.parametrize(
+    ("values", "status"),
+    [
+        ({"a": [1.01], "b": [1.02], "c": [1.0]}, SHOWN),
+        ({"a": [1.5], "b": [1.52], "c": [1.48]}, NOT_SHOWN),
+        ({"a": [0.8], "b": [1.3], "c": [1.1]}, OPEN),  # the mean is inside, the interval is not
+        ({"a": [1.01]}, OPEN),  # a single twin shows nothing
+    ],
+)
+def test_a_claim_holds_only_where_the_whole_interval_does(values, status):
+    assert verdict(values).status == status
+
+
+def test_nothing_finished_is_open():
+    assert {c.status for c in claims(aggregate(figures({})))} == {OPEN}
+
+
+def test_twin_and_tomogram_are_told_apart_only_by_disjoint_intervals():
+    def judged(twin, scan):
+        both = [
+            figures({"a": [twin[0]], "b": [twin[1]]}, case="xct", quantity="s2_gap", truth=0.0),
+            figures({"a": [scan[0]], "b": [scan[1]]}, "xct", "tomogram", "s2_gap", 0.0),
+        ]
+        return next(c for c in claims(aggregate(pd.concat(both))) if "S₂" in c.claim).status
+
+    assert judged((0.0100, 0.0101), (0.0200, 0.0201)) == SHOWN
+    assert judged((0.0200, 0.0201), (0.0100, 0.0101)) == NOT_SHOWN
+    assert judged((0.01, 0.03), (0.02, 0.04)) == OPEN
+
+
+def test_slices_of_a_volume():
+    phase = np.ones((4, 5, 6), np.uint8)
+    phase[0, 1:] = 0
+    each = slice_porosities(phase)
+    assert len(each) == 15
+    assert each[:4].tolist() == [0.8, 0, 0, 0]
+    assert each[4:9].tolist() == [0, 0.25, 0.25, 0.25, 0.25]
+    assert each[9:] == pytest.approx(0.2)
+    assert {r["quantity"] for r in berea_slices(phase)} == {"porosity_any_slice", "k_any_slice"}
+
+
+def test_every_case_and_figure_has_its_words(root):
+    words = cases_in_words()
+    schema = yaml.safe_load((root / "workflow/schemas/config.schema.yaml").read_text())
+    assert set(words) == {c for c in schema["properties"]["case"]["enum"] if c}
+    shown = [name for said in words.values() for name in said["figures"]]
+    assert sorted([*shown, "permeability"]) == sorted(FIGURES)
+    for name in FIGURES:
+        assert f'"{name}"' in (root / "workflow/rules/validation.smk").read_text()
+
+
+def test_rows_are_found_by_their_keys():
+    table = aggregate(figures({"a": [1.0]}))
+    assert row_of(table, "stereology", "full", "k_ratio")["mean"] == 1.0
+    assert row_of(table, "stereology", "full", "k_md") is None
+    assert math.isnan(row_of(table, "stereology", "full", "k_ratio")["lower"])
+
+
+def test_the_size_bias_is_judged_by_intervals():
+    def judged(own):
+        table = aggregate(figures(own, "cv_sweep", "no_inversion", "k_ratio@cv0.1"))
+        return next(c for c in claims(table) if c.case == "cv_sweep")
+
+    assert judged({"a": [0.8], "b": [0.81], "c": [0.79]}).status == NOT_SHOWN
+    assert judged({"a": [0.5], "b": [0.51], "c": [0.49]}).status == SHOWN
+    assert judged({"a": [0.8]}).status == OPEN
+    assert "CV 0.1: 0.8" in judged({"a": [0.8]}).ours

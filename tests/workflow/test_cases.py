@@ -1,0 +1,118 @@
+"""The validation cases, tiny: every rule of theirs runs, and the page comes out with what there is."""
+
+import hashlib
+import http.server
+import shutil
+import threading
+import zipfile
+
+import numpy as np
+import pandas as pd
+import pytest
+import tifffile
+
+from conftest import TINY, planned, snakemake, write_config
+from grainfall.io import read_volume
+from grainfall.report.validation import COLUMNS
+
+pytestmark = pytest.mark.xdist_group("workflow")
+
+
+@pytest.fixture(scope="module")
+def studied(finished, tmp_path_factory):
+    """The finished tiny twins as two cases, the sweep beside them, and the page of it all."""
+    folder = tmp_path_factory.mktemp("cases")
+    shutil.copytree(finished, folder, dirs_exist_ok=True)
+    sweep = {"cv": [0.3], "truths": 1, "voxels_per_radius": 4, "edge": 32, "section": [80, 80]}
+    scan = {"rim_um": 20, "crush_um": 3}
+    for case, over in (("stereology", {}), ("xct", {"tomogram": scan}), ("cv_sweep", {"cv_sweep": sweep})):
+        write_config(folder, {**TINY, "case": case, **over}, f"{case}.yaml")
+    for config in ("xct.yaml", "cv_sweep.yaml"):
+        done = snakemake(folder, "--", "case", config=config)
+        assert done.returncode == 0, done.stdout[-6000:]
+    # the tiny rock stands for both cases
+    done = snakemake(folder, "--", "validation", config="xct.yaml")
+    assert done.returncode == 0, done.stdout[-6000:]
+    return folder
+
+
+def test_the_table_has_what_there_is(studied):
+    table = pd.read_csv(studied / "results/validation.csv")
+    assert tuple(table.columns) == COLUMNS
+    rows = table.set_index(["case", "variant", "quantity"])
+    k = rows.loc[("xct", "full", "k_md")]
+    assert k["paper"] == 1183
+    assert k["n"] == 2
+    assert k["lower"] < k["mean"] < k["upper"]
+    twins = [pd.read_csv(studied / f"results/tiny/full/{n}/metrics.csv").set_index("metric") for n in (0, 1)]
+    assert k["mean"] == pytest.approx(sum(t.loc["k_md", "value"] for t in twins) / 2)
+    assert rows.loc[("xct", "tomogram", "phantom"), "mean"] > 0
+    assert {"full", "no_inversion"} <= set(table[table["case"] == "cv_sweep"]["variant"])
+
+
+def test_the_page_names_paper_and_ours(studied):
+    page = (studied / "results/validation.html").read_text()
+    assert "1\u202f183" in page
+    assert "Not begun: Case 1" in page
+    assert "not finished" in page
+    assert "<script" not in page
+    assert 'src="http' not in page
+
+
+def test_figures_are_drawn_in_three_formats(studied):
+    for name in ("motivation", "sample3", "sample3_analysis", "cv_sweep", "permeability"):
+        for kind in ("svg", "pdf", "png"):
+            assert (studied / f"results/validation/{name}.{kind}").stat().st_size > 5000, name
+
+
+def test_page_again_does_nothing_and_asks_for_no_twin(studied):
+    assert planned(studied, "--", "validation", config="xct.yaml") == {}
+
+
+@pytest.fixture
+def published(tmp_path):
+    """A zip with a volume, behind a server of our own: its address and checksum."""
+    rng = np.random.default_rng(1)
+    volume = np.where(rng.random((24, 30, 36)) < 0.3, 0, 255).astype(np.uint8)
+    served = tmp_path / "served"
+    served.mkdir()
+    tifffile.imwrite(served / "rock.tif", volume)
+    with zipfile.ZipFile(served / "rock.zip", "w") as archive:
+        archive.write(served / "rock.tif", "rock.tif")
+    digest = hashlib.sha256((served / "rock.zip").read_bytes()).hexdigest()
+
+    class Quiet(http.server.SimpleHTTPRequestHandler):
+        def __init__(self, *arguments):
+            super().__init__(*arguments, directory=str(served))
+
+        def log_message(self, *_):
+            pass
+
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Quiet)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    yield f"http://127.0.0.1:{server.server_port}/rock.zip", digest, served / "rock.zip", volume
+    server.shutdown()
+
+
+@pytest.mark.parametrize("how", ["address", "path", "damaged"])
+def test_a_published_volume_is_fetched_checked_and_cut(tmp_path, published, how):
+    address, digest, path, volume = published
+    rock = {
+        "source": str(path) if how == "path" else address,
+        "voxel_size_um": 5.0,
+        "files": {"0" * 64 if how == "damaged" else digest: 0},
+    }
+    cut = {"cut": {"kind": "slice", "data": "rock", "slice": "y7"}}
+    config = {**TINY, "case": "berea", "samples": cut, "data": {"rock": rock}}
+    folder = write_config(tmp_path / "run", config)
+    done = snakemake(folder, "--", "results/cut/section.zarr.zip")
+    if how == "damaged":
+        assert done.returncode != 0
+        assert f"has SHA-256 {digest}" in done.stdout
+        assert "Traceback" not in done.stdout
+        assert not (folder / "results/data/rock/reference.zarr.zip").exists()
+        return
+    assert done.returncode == 0, done.stdout[-4000:]
+    phase, attributes = read_volume(folder / "results/cut/section.zarr.zip")
+    assert attributes["voxel_size_um"] == 5.0
+    assert (phase == (volume[:, 7] > 0)).all()

@@ -1,0 +1,145 @@
+"""Validation: the paper's cases as studies, what is finished of them in one table, its figures and its page."""
+
+PAPER_FIGURES = [
+    "permeability",
+    "motivation",
+    "pipeline",
+    "masks",
+    "sizes2d",
+    "grain",
+    "two_packing",
+    "virtual_sizes",
+    "sample1_full",
+    "sample1_no_inversion",
+    "sample1_s2",
+    "sample2",
+    "sample2_analysis",
+    "sample3",
+    "sample3_analysis",
+    "berea",
+    "cv_sweep",
+]
+
+
+rule case:
+    input:
+        twins_of_case,
+        references_of_case,
+        sweep_of_case,
+        tomograms_of_case,
+    localrule: True
+
+
+rule sweep:
+    output:
+        "results/cv_sweep/{cv}/{truth}.csv",
+    log:
+        "results/cv_sweep/{cv}/logs/{truth}.log",
+    benchmark:
+        "results/cv_sweep/{cv}/benchmarks/{truth}.tsv"
+    wildcard_constraints:
+        cv=r"[0-9.]+",
+        truth=r"\d+",
+    conda:
+        ENVS["analysis"]
+    resources:
+        mem_mb=4000,
+        runtime=60,
+    params:
+        seed=CONFIG["seed"],
+        sweep=CONFIG["cv_sweep"],
+        science=science("section", "morphology", "stereology", "flow"),
+    script:
+        "../../scripts/sweep.py"
+
+
+use rule s2_envelope as tomogram_envelope with:
+    input:
+        labels=f"{SAMPLE}/labels.zarr.zip",
+        twins=[f"{SAMPLE}/tomogram/reference.zarr.zip"],
+    output:
+        envelope=f"{SAMPLE}/tomogram/s2_envelope.csv",
+        test=f"{SAMPLE}/tomogram/s2_envelope.json",
+    log:
+        f"{SAMPLE}/logs/tomogram_envelope.log",
+    benchmark:
+        f"{SAMPLE}/benchmarks/tomogram_envelope.tsv"
+
+
+rule validation_table:
+    output:
+        table="results/validation.csv",
+    log:
+        "results/validation/logs/table.log",
+    benchmark:
+        "results/validation/benchmarks/table.tsv"
+    conda:
+        ENVS["report"]
+    resources:
+        mem_mb=4000,
+        runtime=30,
+    params:
+        cases=known_cases(),
+        found=come_so_far,
+        science=science("report.validation"),
+    script:
+        "../../scripts/validation_table.py"
+
+
+rule paper_figures:
+    input:
+        "results/validation.csv",
+    output:
+        expand(
+            "results/validation/{name}.{kind}",
+            name=PAPER_FIGURES,
+            kind=("svg", "pdf", "png"),
+        ),
+    log:
+        "results/validation/logs/figures.log",
+    benchmark:
+        "results/validation/benchmarks/figures.tsv"
+    conda:
+        ENVS["report"]
+    resources:
+        mem_mb=6000,
+        runtime=30,
+    params:
+        cases=known_cases(),
+        science=science("report"),
+    script:
+        "../../scripts/paper_figures.py"
+
+
+rule validation_page:
+    input:
+        table="results/validation.csv",
+        figures=expand("results/validation/{name}.svg", name=PAPER_FIGURES),
+    output:
+        page=report(
+            "results/validation.html",
+            category="Summary",
+            caption="../report/validation.rst",
+            labels={"table": "the paper's cases"},
+        ),
+    log:
+        "results/validation/logs/page.log",
+    benchmark:
+        "results/validation/benchmarks/page.tsv"
+    conda:
+        ENVS["report"]
+    resources:
+        mem_mb=4000,
+        runtime=15,
+    params:
+        cases=known_cases(),
+        science=science("report"),
+    script:
+        "../../scripts/validation_page.py"
+
+
+rule validation:
+    input:
+        "results/validation.csv",
+        "results/validation.html",
+    localrule: True
