@@ -42,7 +42,7 @@ VOXELS = 40
 """Voxels across a diameter. Centres of voxels are unbiased samples of the solid: a sphere's volume is then
 known to 1e-3, and the solid fraction of a hundred to 1e-4."""
 
-SLOW_WINDOWS = 40
+SLOW_WINDOWS = 120
 """Without friction, grains frozen while pouring were not stable, and in a liquid all goes slowly: such beds
 take many windows to come to rest."""
 

@@ -133,16 +133,16 @@ def relax(
     faster the smaller the step is (``make bench-creep``). Motion is damped while the bed settles, and not in
     the last window, over which drift, force balance and energy are judged.
 
-    A few grains go on for long after the bed about them has come to rest. They and their neighbours are then
-    moved on alone, the others fixed, before all are set free again: a bed of four thousand takes a third of
-    the body steps, and the cost no longer grows with the square of its size.
+    A few grains go on for long after the bed about them has come to rest. They and their neighbours are moved
+    on alone, the others fixed, before all are set free again: otherwise the more grains there are, the longer
+    all of them wait for the last one. That is no help where a whole bed creeps: set free, it sags anew.
 
     Parameters
     ----------
     bed : Bed
         Left where it came to rest, without an engine.
     windows : int, optional
-        Most windows of :data:`WINDOW` steps; ``bed.parameters.rest_windows`` if omitted.
+        Most windows of :data:`WINDOW` steps of all bodies; ``bed.parameters.rest_windows`` if omitted.
     rest : float
         Mean way of a body in a window, mean grain radii, below which the bed rests.
     progress : callable, optional
@@ -188,26 +188,24 @@ def relax(
         return way < given.sleep_speed * WINDOW * fine.dt
 
     everybody = np.ones(len(bed), bool)
-    alone = ALONE * windows
-    drifts: list[float] = []
+    spent = 0.0  # windows of all bodies
     quiet = False
     while True:
-        judged = quiet or len(drifts) >= windows - 1
+        judged = quiet or spent >= windows - 1
         _draw_apart(bed, fine)
         velocity = bed.velocity.copy()
         way = window(everybody, 0.0 if judged else DAMPING)
-        restless = ~asleep(way)
-        still = not restless.any()
-        drifts.append(float(way.mean()))
-        stalled = still and _stalled(drifts)
-        ended = still and (drifts[-1] < rest or stalled or len(drifts) >= windows)
-        patient = len(drifts) < PATIENCE * windows
-        if judged and (not patient or (ended and not len(bed.deep_pairs(UNSEEN)))):
+        spent += 1
+        awake = ~asleep(way)
+        still = not awake.any()
+        ended = still and (way.mean() < rest or spent >= windows)
+        if judged and (spent >= PATIENCE * windows or (ended and not len(bed.deep_pairs(UNSEEN)))):
             break
-        quiet = stalled or way[~restless].sum() < rest * len(bed)
-        while restless.any() and alone:
-            alone -= 1
-            restless = ~asleep(window(bed.around(restless), DAMPING))
+        quiet = way[~awake].sum() < rest * len(bed)
+        while quiet and awake.any() and spent < PATIENCE * windows:
+            free = bed.around(awake)
+            spent += free.mean()
+            awake = ~asleep(window(free, DAMPING))
     gained = np.linalg.norm(bed.velocity - velocity, axis=1) / (WINDOW * fine.dt)
     lowest = np.minimum.accumulate(energy)
     report = {
@@ -249,20 +247,8 @@ def _draw_apart(bed: Bed, parameters: Parameters) -> None:
 UNSEEN, TRIES = 0.01, 40
 """Depth, radii of the smaller body, from which a pair is drawn apart, and the most steps taken for it."""
 
-STALL = 3
-"""Windows in which drift must fall by a tenth for more of them to be worth their time. Bullet's solver keeps
-hulls drifting by 0.003 radii a window, however long."""
-
-
-def _stalled(drifts: list[float]) -> bool:
-    return len(drifts) > STALL and min(drifts[-STALL:]) > 0.9 * min(drifts[:-STALL])
-
-
 PATIENCE = 4
 """Times the windows that a bed is given while some of its bodies are not even asleep."""
-
-ALONE = 10
-"""Windows of the last moving bodies alone, for each that all bodies are given."""
 
 DAMPING = 0.02
 """Share of its speed that a body loses in a step of the relaxation."""
