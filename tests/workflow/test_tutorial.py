@@ -41,7 +41,7 @@ def grainfall(folder, *arguments):
 def typed(finished, tmp_path_factory):
     """What each block of the tutorial printed, by the block's text; and the folder it was typed in."""
     folder = tmp_path_factory.mktemp("tutorial")
-    shutil.copytree(finished, folder / "tiny")
+    shutil.copytree(finished, folder / "tiny", ignore=shutil.ignore_patterns("export"))
     shutil.copy(ROOT / "docs/tiny.yaml", folder / "tiny/config.yaml")
     said, script = {}, ""
     for kind, text in BLOCK.findall((ROOT / "docs/tutorial.md").read_text()):
