@@ -199,7 +199,7 @@ def relax(
         awake = ~asleep(way)
         still = not awake.any()
         ended = still and (way.mean() < rest or spent >= windows)
-        if judged and (spent >= PATIENCE * windows or (ended and not len(bed.deep_pairs(UNSEEN)))):
+        if judged and (spent >= PATIENCE * windows or (ended and not _overlooked(bed))):
             break
         quiet = way[~awake].sum() < rest * len(bed)
         while quiet and awake.any() and spent < PATIENCE * windows:
@@ -236,12 +236,16 @@ def _draw_apart(bed: Bed, parameters: Parameters) -> None:
     facets until they are a tenth of a radius deep in each other. A new engine sees them in its first step.
     """
     for _ in range(TRIES):
-        if not len(bed.deep_pairs(UNSEEN)):
+        if not _overlooked(bed):
             return
         bed.fixed[:] = False
         bed.start(parameters)
         bed.engine.step(1)
         bed.read()
+
+
+def _overlooked(bed: Bed) -> bool:
+    return bed.parameters.engine == "physx" and len(bed.deep_pairs(UNSEEN)) > 0
 
 
 UNSEEN, TRIES = 0.01, 40
