@@ -48,7 +48,7 @@ rule sweep:
     params:
         seed=CONFIG["seed"],
         sweep=CONFIG["cv_sweep"],
-        science=science("section", "morphology", "stereology", "flow"),
+        science=science("size_bias"),
     script:
         "../../scripts/sweep.py"
 

@@ -69,9 +69,16 @@ def new(
     from grainfall.cli import look
 
     look.check_free(study, image, force)
-    given = {"phases": phases, "pore_value": pore_value, "array": array}
-    found = look.look(image, look.length_um(pixel_size), kind=kind, preset=preset, **given)
-    config = look.write_study(study, found, **given, force=force)
+    found = look.look(
+        image,
+        look.length_um(pixel_size),
+        kind=kind,
+        phases=phases,
+        pore_value=pore_value,
+        array=array,
+        preset=preset,
+    )
+    config = look.write_study(study, found, force=force)
     for line in look.described(found):
         out.print(line, markup=False)
     out.print(f"Written: {config}. Next: grainfall run {shlex.quote(str(study))}", markup=False)

@@ -59,6 +59,8 @@ class Findings:
     kind, reason : str
         Kind of the image, and why it is taken for one.
     section : Section
+    row : dict
+        Columns of the sample sheet, but for the image's path.
     summary : dict
         As in section.json.
     radius2d_um, radius3d_um : float
@@ -74,6 +76,7 @@ class Findings:
     kind: str
     reason: str
     section: Section
+    row: dict
     summary: dict
     radius2d_um: float
     radius3d_um: float
@@ -147,8 +150,10 @@ def look(
         raise InputError(
             "--preset", f"what '{preset}' costs has not been measured", " or ".join(costs.presets)
         )
+    given = {"phases": phases, "pore_value": pore_value, "array": array}
+    row = {"kind": kind, "pixel_size_um": pixel_size_um} | {k: v for k, v in given.items() if v is not None}
     return Findings(
-        image, kind, reason, section, summary, radius2d, radius3d, preset, edge, voxel, cost_of(preset)
+        image, kind, reason, section, row, summary, radius2d, radius3d, preset, edge, voxel, cost_of(preset)
     )
 
 
@@ -191,9 +196,6 @@ def write_study(
     folder: str | Path,
     found: Findings,
     *,
-    phases: str | None = None,
-    pore_value: int | None = None,
-    array: str | None = None,
     force: bool = False,
 ) -> Path:
     """Make a study: a folder with a copy of the image and a commented config that a run accepts.
@@ -202,8 +204,6 @@ def write_study(
     ----------
     folder : str or Path
     found : Findings
-    phases, pore_value, array : optional
-        As they were looked at.
     force : bool
         Replace the config and the image of a study that is there; results stay.
 
@@ -222,9 +222,7 @@ def write_study(
     name = re.sub(r"[^A-Za-z0-9_-]+", "-", folder.resolve().name).strip("-")[:64]
     name = "rock" if not name or name in sheet.RESERVED else name
     image = folder / found.image.name
-    row = {"image": image.name, "kind": found.kind, "pixel_size_um": found.section.pixel_size_um}
-    given = {"phases": phases, "pore_value": pore_value, "array": array}
-    text = config_text(name, row | {k: v for k, v in given.items() if v is not None}, found)
+    text = config_text(name, {"image": image.name, **found.row}, found)
     resolved(yaml.safe_load(text), "config.yaml")
     folder.mkdir(parents=True, exist_ok=True)
     if found.image.resolve() != image.resolve():

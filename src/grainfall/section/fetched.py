@@ -1,4 +1,4 @@
-"""A volume that somebody else published: nothing is taken from it before its checksum is known."""
+"""A volume that somebody else published, taken only if its checksum is known; one plane of it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from grainfall.errors import InputError
-from grainfall.section.read import read_reference
+from grainfall.section.read import Section, read_reference
 
 
 def read_known_volume(
@@ -57,3 +57,32 @@ def read_known_volume(
         if len(members) != 1:
             raise InputError(path, f"holds {len(members)} files", "a zip with one volume in it")
         return read_reference(archive.extract(members[0], folder), voxel_size_um, pore_value=pore)
+
+
+def plane_of(phase: np.ndarray, voxel_size_um: float, where: str) -> Section:
+    """Cut one plane of voxels out of a volume.
+
+    Parameters
+    ----------
+    phase : (z, y, x) uint8
+        0 pore, 1 solid.
+    voxel_size_um : float
+        Edge of a voxel, micrometres: the section's pixel.
+    where : str
+        Axis that the plane stands on and its number: ``z200``.
+
+    Returns
+    -------
+    Section
+        ``notes`` say where it was cut.
+
+    Raises
+    ------
+    InputError
+        When the volume ends before that plane.
+    """
+    axis, plane = "zyx".index(where[0]), int(where[1:])
+    if plane >= phase.shape[axis]:
+        raise InputError(f"slice {where}", f"the volume has {phase.shape[axis]} planes", "a smaller number")
+    image = np.ascontiguousarray(phase.take(plane, axis))
+    return Section(image, voxel_size_um, ("pore", "grain"), notes={"slice": where})
