@@ -90,8 +90,8 @@ class Bullet:
             body,
             -1,
             mass=solid.mass,
-            # Without it a contact of hulls forgets what it slid, and every bed creeps on. Between spheres, whose
-            # contact rolls along, it would tie together what has moved on.
+            # Without it a contact of hulls forgets what it slid, and every bed creeps on. Between spheres,
+            # whose contact rolls along, it would tie together what has moved on.
             frictionAnchor=int(bool(solid.parts)),
             localInertiaDiagonal=[float(c) for c in solid.inertia],
             linearDamping=_per_second(self._parameters.linear_damping),
