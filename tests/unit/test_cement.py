@@ -141,9 +141,12 @@ NEEDED = {"called_for": True, "on": True}
 
 def finished(target, densification=NEEDED, **switches):
     scene = {**SCENE, "porosity_target": target}
-    return volume.finish(
-        lattice()[0], LIBRARY, scene, densification, {"position_scaling": "auto", "cement": "auto"} | switches
+    switches = {"position_scaling": "auto", "cement": "auto"} | switches
+    bodies, slabs, *reports = volume.finish(lattice()[0], LIBRARY, scene, densification, switches)
+    _, phase, body = (
+        np.concatenate(parts) if i else parts for i, parts in enumerate(zip(*slabs, strict=True))
     )
+    return bodies, phase, body, *reports
 
 
 PLAIN = 1 - 4 / 3 * np.pi * 10**3 / 32**3
