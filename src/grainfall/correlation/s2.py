@@ -240,7 +240,7 @@ def _lag_spectrum(solid: np.ndarray, reach: int, periodic: bool, block_bytes: in
     along y and z, multiplied with itself, and only the lags wanted are kept on the way back. What the padding
     of y and z takes is never there for all of the volume.
     """
-    nz, ny, nx = solid.shape
+    nz, ny, _ = solid.shape
     size = solid.shape if periodic else [fft.next_fast_len(n + reach, real=True) for n in solid.shape]
     kept = np.arange(-reach, reach + 1)
     frequencies = size[2] // 2 + 1
