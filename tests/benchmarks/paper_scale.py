@@ -15,13 +15,13 @@ and ``*.svg``, the same drawn.
 from __future__ import annotations
 
 import argparse
-import json
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import yaml
 from matplotlib.figure import Figure
 
 from grainfall import config, io
@@ -37,17 +37,11 @@ CUBIC = 3.0
 
 def run(folder: Path, n: int, cores: int) -> None:
     """A full run of a region of n^3 voxels."""
-    scene = {"edge_um": n * config.load_yaml(STUDY)["scene"]["voxel_size_um"]}
-    folder.mkdir(parents=True, exist_ok=True)
+    edge_um = n * config.load_yaml(STUDY)["scene"]["voxel_size_um"]
+    own = folder / "config.yaml"
+    io.write_text(own, yaml.safe_dump({"scene": {"edge_um": edge_um}}))
     command = [sys.executable, "-m", "snakemake", "--snakefile", str(HOUSE / "Snakefile")]
-    command += [
-        "--directory",
-        str(folder),
-        "--configfile",
-        str(STUDY),
-        "--config",
-        f"scene={json.dumps(scene)}",
-    ]
+    command += ["--directory", str(folder), "--configfile", str(STUDY), str(own)]
     subprocess.run([*command, "--cores", str(cores), "--rerun-incomplete", "--quiet", "host"], check=True)
 
 
