@@ -31,8 +31,6 @@ from grainfall.report.figures import save_figure, styled
 HOUSE = Path(__file__).resolve().parents[2]
 STUDY = HOUSE / "config/cases/paper_scale.yaml"
 LARGER = (2000, 4000)
-CUBIC = 3.0
-"""No stage of a volume does less than its share of the voxels: slower growth is start-up, not carried on."""
 
 
 def run(folder: Path, n: int, cores: int) -> None:
@@ -69,9 +67,10 @@ def gather(folder: Path) -> pd.DataFrame:
 
 def growth(table: pd.DataFrame) -> pd.DataFrame:
     """Exponents between the two largest edges, and what they say of larger ones."""
-    small, large = sorted(table["n"].unique())[-2:]
+    small, large = sorted(set(table["n"]))[-2:]
     found = []
-    for rule, rows in table.set_index("n").groupby("rule", sort=False):
+    for rule, rows in table[table["rule"] != "total"].groupby("rule"):
+        rows = rows.set_index("n")
         if not {small, large} <= set(rows.index):
             continue
         row = {"rule": rule, "n_small": small, "n_large": large}
@@ -79,12 +78,27 @@ def growth(table: pd.DataFrame) -> pd.DataFrame:
             ("cpu", "cpu_s", "cpu_h", 3600),
             ("memory", "peak_rss_mb", "memory_gb", 1e3),
         ):
-            here = rows.loc[large, column]
-            row[f"{name}_exponent"] = np.log(here / rows.loc[small, column]) / np.log(large / small)
+            ends = (small, rows.loc[small, column]), (large, rows.loc[large, column])
+            row[f"{name}_exponent"] = np.log(ends[1][1] / ends[0][1]) / np.log(large / small)
             for n in LARGER:
-                row[f"{unit}_{n}"] = here * (n / large) ** max(CUBIC, row[f"{name}_exponent"]) / per
+                row[f"{unit}_{n}"] = carried_on(*ends, n) / per
         found.append(row)
-    return pd.DataFrame(found)
+    found = pd.DataFrame(found)
+    total = {"rule": "total", "n_small": small, "n_large": large}
+    total |= {c: found[c].sum() if c.startswith("cpu_h") else found[c].max() for c in found if c[-1] == "0"}
+    return pd.concat([found, pd.DataFrame([total])], ignore_index=True)
+
+
+def carried_on(one: tuple[float, float], other: tuple[float, float], n: float) -> float:
+    """A figure measured at two edges, carried on to a third.
+
+    What grows more slowly than the voxels is a start-up and a share for each voxel; what grows faster, a power.
+    """
+    (m, y), (k, z) = one, other
+    exponent = np.log(z / y) / np.log(k / m)
+    if exponent > 3:
+        return z * (n / k) ** exponent
+    return z + max(0.0, z - y) / (k**3 - m**3) * (n**3 - k**3)
 
 
 @styled
