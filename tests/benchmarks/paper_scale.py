@@ -92,7 +92,7 @@ def growth(table: pd.DataFrame) -> pd.DataFrame:
 def carried_on(one: tuple[float, float], other: tuple[float, float], n: float) -> float:
     """A figure measured at two edges, carried on to a third.
 
-    What grows more slowly than the voxels is a start-up and a share for each voxel; what grows faster, a power.
+    Slower growth than that of the voxels is a start-up and a share for each of them, faster growth a power.
     """
     (m, y), (k, z) = one, other
     exponent = np.log(z / y) / np.log(k / m)
