@@ -61,7 +61,7 @@ def test_kill_after_kill(undisturbed, tmp_path):
             time.sleep(0.05)
         time.sleep(moment.uniform(0, 6))
         if process.poll() is None:
-            assert kills.kill(process, whom), f"a job outlived its killed {whom}"
+            assert not kills.kill(process, whom), f"a job outlived its killed {whom}"
         process.wait(timeout=600)
         # a damaged checkpoint costs its time, no more
         for checkpoint in folder.glob("results/**/.checkpoints/*.npz"):

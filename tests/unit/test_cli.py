@@ -258,6 +258,14 @@ def test_documentation_builds_without_a_warning(root, tmp_path):
     modules = sorted((root / "src/grainfall").iterdir())
     chapters = {m.stem for m in modules if not m.name.startswith("_")} - {"cli"}
     assert {c for c in chapters if f'id="module-grainfall.{c}"' not in library} == set()
+    # it reads the same without a network: nothing comes from elsewhere, the browser draws the equations
+    loaded = re.compile(r"""<(?:script|link|img|iframe)\b[^>]*\b(?:src|href)=["']?(?:https?:)?//[^>]*>""")
+    assert [tag for page in tmp_path.rglob("*.html") for tag in loaded.findall(page.read_text())] == []
+    sheets = "".join(sheet.read_text() for sheet in tmp_path.rglob("*.css"))
+    assert not re.search(r"@import|url\(\s*[\"']?(?:https?:)?//", sheets)
+    method = (tmp_path / "method.html").read_text()
+    assert method.count("<math") == (root / "docs/method.md").read_text().replace("$$", "$").count("$") / 2
+    assert "\\frac" not in method
 
 
 def test_study_can_be_made_from_a_zarr_folder(capsys, tmp_path):
