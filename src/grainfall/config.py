@@ -125,6 +125,20 @@ def merge(base: dict, over: dict | None) -> dict:
     return merged
 
 
+def canonical(content: object) -> object:
+    """One way to write what means the same: keys in alphabetical order, whole numbers without a point.
+
+    Jobs rerun when the text of their parameters changes; 1.0 for 1 or keys in another order must not do that.
+    """
+    if isinstance(content, dict):
+        return {key: canonical(content[key]) for key in sorted(content, key=str)}
+    if isinstance(content, list):
+        return [canonical(item) for item in content]
+    if isinstance(content, float) and content.is_integer() and abs(content) < 2**53:
+        return int(content)
+    return content
+
+
 def check(content: object, schema: dict, where: str) -> None:
     """Hold ``content`` against a JSON schema.
 
@@ -209,7 +223,7 @@ def resolve(config: dict, schema: dict, presets: dict, where: str = "config") ->
     Returns
     -------
     dict
-        Every key present.
+        Every key present, in canonical form (:func:`canonical`).
 
     Raises
     ------
@@ -235,7 +249,10 @@ def resolve(config: dict, schema: dict, presets: dict, where: str = "config") ->
                     f"override one of: {', '.join(VARIANT_KEYS)}",
                 )
         check({"samples": "-", **(over or {})}, schema, f"{where}: variants.{name}")
-    return whole
+    # samples and variants are shown in the user's order
+    named = {key: whole[key] for key in ("samples", "variants") if isinstance(whole[key], dict)}
+    ordered = {key: {name: canonical(values) for name, values in of.items()} for key, of in named.items()}
+    return canonical(whole) | ordered
 
 
 def variant(whole: dict, name: str) -> dict:
@@ -282,7 +299,7 @@ def read_samples(samples: str | dict, schema: dict) -> dict[str, dict]:
     Returns
     -------
     dict
-        Sample name to its filled values; empty cells are left out.
+        Sample name to its filled values in canonical form; empty cells are left out.
 
     Raises
     ------
@@ -307,7 +324,7 @@ def read_samples(samples: str | dict, schema: dict) -> dict[str, dict]:
             raise InputError(where, f"samples '{other}' and '{name}' differ in case only", "distinct names")
         check(row, schema, f"{where}: sample {name}")
         _check_sample(row, f"{where}: sample {name}")
-        rows[name] = fill(row, schema)
+        rows[name] = canonical(fill(row, schema))
     return rows
 
 

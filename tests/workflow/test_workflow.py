@@ -55,6 +55,13 @@ def changed(**over):
     return config
 
 
+def reworded(content):
+    """The same values, keys in another order, whole numbers with a point."""
+    if isinstance(content, dict):
+        return {key: reworded(content[key]) for key in reversed(content)}
+    return float(content) if type(content) is int else content
+
+
 def test_summary_and_report(finished):
     summary = pd.read_csv(finished / "results/summary.csv")
     assert tuple(summary.columns) == SUMMARY_COLUMNS
@@ -151,6 +158,12 @@ def test_rock_too_dense_for_its_grains_is_cemented(finished):
 
 def test_second_run_does_nothing(finished):
     assert planned(finished) == {}
+    # nor does one whose config says the same in other words
+    write_config(finished, reworded(TINY))
+    try:
+        assert planned(finished) == {}
+    finally:
+        write_config(finished, TINY)
 
 
 def test_verify_says_what_changed(finished, tmp_path, monkeypatch, capsys):
