@@ -286,6 +286,33 @@ def check_data(samples: dict[str, dict], data: dict) -> None:
             raise InputError(f"config: sample {name}", f"data '{row['data']}' is unknown", f"one of: {known}")
 
 
+def samples_of(whole: dict, schema: dict, sample_schema: dict) -> dict[str, dict]:
+    """The samples of a resolved config, held against the rest of it.
+
+    Parameters
+    ----------
+    whole : dict
+        As :func:`resolve` returns it.
+    schema, sample_schema : dict
+        JSON schemas of the config and of one sample.
+
+    Returns
+    -------
+    dict
+        As :func:`read_samples` returns it.
+
+    Raises
+    ------
+    InputError
+        On the first fault.
+    """
+    samples = read_samples(whole["samples"], sample_schema)
+    check_data(samples, whole["data"])
+    for name, row in samples.items():
+        synthesis(whole, row, schema, f"config: sample {name}")
+    return samples
+
+
 def read_samples(samples: str | dict, schema: dict) -> dict[str, dict]:
     """The sample sheet as a mapping of name to values.
 

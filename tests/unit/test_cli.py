@@ -104,6 +104,10 @@ def test_nothing_is_overwritten(capsys, picture, tmp_path):
         (["export", "{tmp}/valid", "--format", "mhd"], "twin.zarr.zip: no such file"),
         (["run", "{tmp}/invalid"], "did you mean 'edge_um'?"),
         (["run", "{tmp}/garbled"], "is not YAML"),
+        (["run", "{tmp}/latin"], "config.yaml: is not UTF-8 text"),
+        (["run", "{tmp}/template"], "which would be run as code"),
+        (["status", "{tmp}/slice"], "data 'moon' is unknown"),
+        (["run", "{tmp}/synthetic"], "did you mean 'porosity'?"),
         (["new", "{tmp}/x", "--image", "no.png", "--pixel-size", "1um"], "no.png: no such file"),
         (["new", "{tmp}/x", "--image", "{image}", "--pixel-size", "1 parsec"], "a length like 1.2um"),
         (["new", "{tmp}/x", "--image", "{image}", "--pixel-size", "0um"], "is no length"),
@@ -120,9 +124,13 @@ def test_mistakes_are_one_line(capsys, picture, tmp_path, arguments, words):
         "valid": "samples: {a: {kind: synthetic, pixel_size_um: 2}}",
         "invalid": "samples: {a: {kind: synthetic, pixel_size_um: 2}}\nscene: {edge_mu: 3}",
         "garbled": "samples: [",
+        "latin": "title: caf\xe9\nsamples: {a: {kind: synthetic, pixel_size_um: 2}}",
+        "template": "__use_yte__: true\nsamples: {a: {kind: synthetic, pixel_size_um: 2}}",
+        "slice": "samples: {a: {kind: slice, data: moon, slice: z3}}",
+        "synthetic": "samples: {a: {kind: synthetic, pixel_size_um: 2, synthetic: {porosty: 0.5}}}",
     }.items():
         (tmp_path / name).mkdir()
-        (tmp_path / name / "config.yaml").write_text(text)
+        (tmp_path / name / "config.yaml").write_text(text, encoding="latin-1")
     (tmp_path / "file").write_text("")
     filled = [a.format(tmp=tmp_path, image=picture) for a in arguments]
     status, _, fault = grainfall(capsys, *filled)
@@ -223,6 +231,37 @@ def test_what_a_run_says_is_understood():
     known.read("grainfall: a.png: truncated; copy it again")
     known.read("grainfall: another")
     assert known.fault == "a.png: truncated; copy it again"
+
+
+@pytest.mark.parametrize(
+    ("said", "fault"),
+    [
+        (
+            ['WorkflowError in file "common.smk", line 7:', "results: may not be written to"],
+            "results: may not",
+        ),
+        (
+            ["RuleException:", 'CalledProcessError in file "a.smk", line 5:', "Command 'cp' failed"],
+            "Command 'cp'",
+        ),
+        (["Error in rule flow:", "    jobid: 3", "WorkflowError:", "At least one job"], "At least one job"),
+        (["LockException:", "Error: Directory cannot be locked."], "the study is locked"),
+        (
+            [
+                "RuleException:",
+                "Command 'python /a/tmp1.flow.py' died with <Signals.SIGKILL: 9>.",
+                "grainfall: b",
+            ],
+            "a job of rule flow was ended by SIGKILL, as a machine short of memory does",
+        ),
+        (["grainfall: a.png: truncated", "WorkflowError:", "At least one job"], "a.png: truncated"),
+    ],
+)
+def test_the_first_fault_is_the_one_that_is_told(said, fault):
+    known = study.Followed()
+    for line in said:
+        known.read(line)
+    assert known.fault.startswith(fault)
 
 
 def test_export_replaces_only_by_force(capsys, tmp_path):

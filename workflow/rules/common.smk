@@ -66,16 +66,15 @@ try:
     CONFIG = sheet.resolve(
         config, CONFIG_SCHEMA, sheet.load_yaml(HOUSE / "config/presets.yaml")
     )
-    SAMPLES = sheet.read_samples(CONFIG["samples"], SAMPLE_SCHEMA)
-    sheet.check_data(SAMPLES, CONFIG["data"])
-    SYNTHESES = {
-        name: sheet.synthesis(CONFIG, row, CONFIG_SCHEMA, f"config: sample {name}")
-        for name, row in SAMPLES.items()
-        if row["kind"] == "synthetic"
-    }
+    SAMPLES = sheet.samples_of(CONFIG, CONFIG_SCHEMA, SAMPLE_SCHEMA)
 except InputError as fault:
     raise WorkflowError(str(fault))
 
+SYNTHESES = {
+    name: sheet.synthesis(CONFIG, row, CONFIG_SCHEMA, f"config: sample {name}")
+    for name, row in SAMPLES.items()
+    if row["kind"] == "synthetic"
+}
 VARIANTS = {name: sheet.variant(CONFIG, name) for name in CONFIG["variants"]}
 REALIZATIONS = range(CONFIG["realizations"])
 SLICES = [name for name, row in SAMPLES.items() if row["kind"] == "slice"]
