@@ -239,6 +239,8 @@ def resolve(config: dict, schema: dict, presets: dict, where: str = "config") ->
     preset = config.get("preset", schema["properties"]["preset"]["default"])
     whole = fill(merge(presets.get(preset) or {}, config), schema)
     check(whole, schema, where)
+    for name in whole["data"]:
+        _check_name(name, f"{where}: data", "entry")
     for name, over in whole["variants"].items():
         _check_name(name, f"{where}: variants", "variant")
         for key in over or {}:
@@ -273,7 +275,7 @@ def synthesis(whole: dict, row: dict, schema: dict, where: str) -> dict:
 
 
 def check_data(samples: dict[str, dict], data: dict) -> None:
-    """Every sample of kind slice names an entry of ``data``; no other one does.
+    """Every sample of kind slice names an entry of ``data`` whose source is an address, or a file that is there.
 
     Raises
     ------
@@ -281,9 +283,19 @@ def check_data(samples: dict[str, dict], data: dict) -> None:
         For the first sample that does not.
     """
     for name, row in samples.items():
-        if row["kind"] == "slice" and row["data"] not in data:
-            known = ", ".join(data) or "none is there: add it"
+        if row["kind"] != "slice":
+            continue
+        if row["data"] not in data:
+            known = ", ".join(map(str, data)) or "none is there: add it"
             raise InputError(f"config: sample {name}", f"data '{row['data']}' is unknown", f"one of: {known}")
+        source = data[row["data"]]["source"]
+        if not is_address(source):
+            _check_path(source, "source", f"config: data {row['data']}")
+
+
+def is_address(source: str) -> bool:
+    """Whether a source is to be fetched, and not a path on this machine."""
+    return source.startswith(("http://", "https://"))
 
 
 def samples_of(whole: dict, schema: dict, sample_schema: dict) -> dict[str, dict]:

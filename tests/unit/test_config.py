@@ -235,9 +235,14 @@ def test_a_sample_has_its_own_synthetic_rock(schema):
         config.synthesis(whole, {"synthetic": {"porosty": 0.5}}, schema, "here")
 
 
-def test_a_slice_names_its_volume(sample_schema):
+def test_a_slice_names_its_volume(sample_schema, tmp_path):
     rows = config.read_samples({"a": {"kind": "slice", "data": "rock", "slice": "z3"}}, sample_schema)
-    config.check_data(rows, {"rock": {}})
+    (tmp_path / "rock.tif").write_bytes(b"")
+    for source in (str(tmp_path / "rock.tif"), "http://rock.invalid/a.zip"):
+        config.check_data(rows, {"rock": {"source": source}})
+    for source, words in (("no.tif", "does not exist"), ("/dev/zero", "neither a file")):
+        with pytest.raises(InputError, match=words):
+            config.check_data(rows, {"rock": {"source": source}})
     with pytest.raises(InputError, match="data 'rock' is unknown"):
         config.check_data(rows, {})
     with pytest.raises(InputError, match="slice is missing"):

@@ -2,6 +2,7 @@
 
 import copy
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -69,6 +70,15 @@ def test_summary_and_report(finished):
     computed = ["porosity", "k_x_md", "k_ref_z_md", "s2_envelope_p", "w1_grains_um", "max_overlap", "wall_s"]
     assert summary[computed].notna().all(axis=None)
     assert (finished / "results/report.html").stat().st_size > 1e5
+
+
+def test_every_output_column_is_documented(finished):
+    text = (ROOT / "results/README.md").read_text()
+    tables = sorted((finished / "results").rglob("*.csv"))
+    columns = {(path.name, name) for path in tables for name in pd.read_csv(path, nrows=0).columns}
+    assert len(columns) > 100
+    word = r"(?<![\w.]){}(?![\w\[])"
+    assert [pair for pair in sorted(columns) if not re.search(word.format(re.escape(pair[1])), text)] == []
 
 
 def test_twin_keeps_its_contract(finished):

@@ -289,9 +289,7 @@ def sliced_measurements(wildcards):
 def data_source(wildcards):
     """The file as it was published: from this machine, or through Snakemake's storage."""
     source = CONFIG["data"][wildcards.data]["source"]
-    if not source.startswith(("http://", "https://")):
-        return source
-    return storage.http(source)
+    return storage.http(source) if sheet.is_address(source) else source
 
 
 # ---- the validation cases
