@@ -275,7 +275,7 @@ def synthesis(whole: dict, row: dict, schema: dict, where: str) -> dict:
 
 
 def check_data(samples: dict[str, dict], data: dict) -> None:
-    """Every sample of kind slice names an entry of ``data``; its source is an address or a file that is there.
+    """Every sample of kind slice names an entry of ``data``; its source is an address or a file.
 
     Raises
     ------
