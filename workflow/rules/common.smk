@@ -18,6 +18,7 @@ from grainfall import config as sheet
 from grainfall import provenance
 from grainfall.errors import InputError
 from grainfall.export import FORMATS
+from grainfall.lifeline import end_with
 from grainfall.report.texts import TEXTS
 
 import grimp
@@ -54,6 +55,9 @@ def sole_run():
 
 if workflow.is_main_process:
     RUNNING = sole_run()
+    # Nobody would read what a run says whose grainfall was killed: it would wait for ever.
+    if "GRAINFALL_CLI" in os.environ:
+        end_with(int(os.environ["GRAINFALL_CLI"]))
 os.environ.update(GRAINFALL_SNAKEMAKE=str(os.getpid()))  # jobs end when it does
 
 CONFIG_SCHEMA = sheet.load_yaml(HOUSE / "workflow/schemas/config.schema.yaml")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import re
 import subprocess
 import sys
@@ -191,7 +192,8 @@ def follow(command: Sequence[str], each: Callable[[str, Followed], None]) -> tup
 @contextlib.contextmanager
 def _started(command: Sequence[str]) -> Iterator[subprocess.Popen]:
     """The running command; it ends with the block, and stops its jobs first when we are interrupted."""
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    said = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    process = subprocess.Popen(command, env={**os.environ, "GRAINFALL_CLI": str(os.getpid())}, **said)
     try:
         yield process
     except BaseException:
