@@ -56,8 +56,8 @@ def sole_run():
 if workflow.is_main_process:
     RUNNING = sole_run()
     # Nobody would read what a run says whose grainfall was killed: it would wait for ever.
-    if "GRAINFALL_CLI" in os.environ:
-        end_with(int(os.environ["GRAINFALL_CLI"]))
+    if cli := os.environ.get("GRAINFALL_CLI"):
+        end_with(int(cli))
 os.environ.update(GRAINFALL_SNAKEMAKE=str(os.getpid()))  # jobs end when it does
 
 CONFIG_SCHEMA = sheet.load_yaml(HOUSE / "workflow/schemas/config.schema.yaml")
