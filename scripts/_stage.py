@@ -1,15 +1,12 @@
 """What every script does around its work: a log, a record of what went in and out, one line for a mistake."""
 
-import ctypes
 import os
 import shutil
-import signal
 import sys
 
 for pool in ("OMP", "NUMBA", "OPENBLAS", "MKL"):
     os.environ.setdefault(f"{pool}_NUM_THREADS", "1")
 
-import threading
 import time
 import traceback
 import zlib
@@ -21,28 +18,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "src"))
 
 from grainfall import provenance
 from grainfall.errors import InputError
+from grainfall.lifeline import end_with
 
-
-def die_with_snakemake():
-    """A job whose Snakemake was killed ends too: it must not write into the results of the next run."""
-    me, master = os.getpid(), int(os.environ.get("GRAINFALL_SNAKEMAKE", os.getppid()))
-    if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG: at once, where it is the parent
-
-    def watch():
-        while True:
-            try:
-                os.kill(master, 0)
-            except ProcessLookupError:
-                os.kill(me, signal.SIGKILL)
-            except PermissionError:
-                pass
-            time.sleep(0.5)
-
-    threading.Thread(target=watch, daemon=True).start()
-
-
-die_with_snakemake()
+# A job whose Snakemake was killed ends too: it must not write into the results of the next run.
+end_with(int(os.environ.get("GRAINFALL_SNAKEMAKE", os.getppid())))
 
 
 class Progress:

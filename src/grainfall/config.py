@@ -125,6 +125,20 @@ def merge(base: dict, over: dict | None) -> dict:
     return merged
 
 
+def canonical(content: object) -> object:
+    """One way to write what means the same: keys in alphabetical order, whole numbers without a point.
+
+    Jobs rerun when the text of their parameters changes; 1.0 for 1 or keys in another order must not do that.
+    """
+    if isinstance(content, dict):
+        return {key: canonical(content[key]) for key in sorted(content, key=str)}
+    if isinstance(content, list):
+        return [canonical(item) for item in content]
+    if isinstance(content, float) and content.is_integer() and abs(content) < 2**53:
+        return int(content)
+    return content
+
+
 def check(content: object, schema: dict, where: str) -> None:
     """Hold ``content`` against a JSON schema.
 
@@ -209,7 +223,7 @@ def resolve(config: dict, schema: dict, presets: dict, where: str = "config") ->
     Returns
     -------
     dict
-        Every key present.
+        Every key present, in canonical form (:func:`canonical`).
 
     Raises
     ------
@@ -225,6 +239,8 @@ def resolve(config: dict, schema: dict, presets: dict, where: str = "config") ->
     preset = config.get("preset", schema["properties"]["preset"]["default"])
     whole = fill(merge(presets.get(preset) or {}, config), schema)
     check(whole, schema, where)
+    for name in whole["data"]:
+        _check_name(name, f"{where}: data", "entry")
     for name, over in whole["variants"].items():
         _check_name(name, f"{where}: variants", "variant")
         for key in over or {}:
@@ -235,7 +251,10 @@ def resolve(config: dict, schema: dict, presets: dict, where: str = "config") ->
                     f"override one of: {', '.join(VARIANT_KEYS)}",
                 )
         check({"samples": "-", **(over or {})}, schema, f"{where}: variants.{name}")
-    return whole
+    # samples and variants are shown in the user's order
+    named = {key: whole[key] for key in ("samples", "variants") if isinstance(whole[key], dict)}
+    ordered = {key: {name: canonical(values) for name, values in of.items()} for key, of in named.items()}
+    return canonical(whole) | ordered
 
 
 def variant(whole: dict, name: str) -> dict:
@@ -256,7 +275,7 @@ def synthesis(whole: dict, row: dict, schema: dict, where: str) -> dict:
 
 
 def check_data(samples: dict[str, dict], data: dict) -> None:
-    """Every sample of kind slice names an entry of ``data``; no other one does.
+    """Every sample of kind slice names an entry of ``data``; its source is an address or a file.
 
     Raises
     ------
@@ -264,9 +283,46 @@ def check_data(samples: dict[str, dict], data: dict) -> None:
         For the first sample that does not.
     """
     for name, row in samples.items():
-        if row["kind"] == "slice" and row["data"] not in data:
-            known = ", ".join(data) or "none is there: add it"
+        if row["kind"] != "slice":
+            continue
+        if row["data"] not in data:
+            known = ", ".join(map(str, data)) or "none is there: add it"
             raise InputError(f"config: sample {name}", f"data '{row['data']}' is unknown", f"one of: {known}")
+        source = data[row["data"]]["source"]
+        if not is_address(source):
+            _check_path(source, "source", f"config: data {row['data']}")
+
+
+def is_address(source: str) -> bool:
+    """Whether a source is to be fetched, and not a path on this machine."""
+    return source.startswith(("http://", "https://"))
+
+
+def samples_of(whole: dict, schema: dict, sample_schema: dict) -> dict[str, dict]:
+    """The samples of a resolved config, held against the rest of it.
+
+    Parameters
+    ----------
+    whole : dict
+        As :func:`resolve` returns it.
+    schema, sample_schema : dict
+        JSON schemas of the config and of one sample.
+
+    Returns
+    -------
+    dict
+        As :func:`read_samples` returns it.
+
+    Raises
+    ------
+    InputError
+        On the first fault.
+    """
+    samples = read_samples(whole["samples"], sample_schema)
+    check_data(samples, whole["data"])
+    for name, row in samples.items():
+        synthesis(whole, row, schema, f"config: sample {name}")
+    return samples
 
 
 def read_samples(samples: str | dict, schema: dict) -> dict[str, dict]:
@@ -282,7 +338,7 @@ def read_samples(samples: str | dict, schema: dict) -> dict[str, dict]:
     Returns
     -------
     dict
-        Sample name to its filled values; empty cells are left out.
+        Sample name to its filled values in canonical form; empty cells are left out.
 
     Raises
     ------
@@ -307,7 +363,7 @@ def read_samples(samples: str | dict, schema: dict) -> dict[str, dict]:
             raise InputError(where, f"samples '{other}' and '{name}' differ in case only", "distinct names")
         check(row, schema, f"{where}: sample {name}")
         _check_sample(row, f"{where}: sample {name}")
-        rows[name] = fill(row, schema)
+        rows[name] = canonical(fill(row, schema))
     return rows
 
 

@@ -263,16 +263,16 @@ def _relative(paths: Iterable[str | Path], folder: str | Path) -> list[str]:
 
 def _resolved(house: str | Path, files: Iterable[str], overrides: Mapping) -> tuple[dict, dict]:
     """Config with every key, and the rows of the samples, as the workflow sees them."""
-    schemas = Path(house) / "workflow/schemas"
-    given: dict = {}
+    house, given = Path(house), {}
+    schema, sample_schema = (
+        config.load_yaml(house / f"workflow/schemas/{name}.schema.yaml") for name in ("config", "samples")
+    )
     for file in files:
         given = config.merge(given, config.load_yaml(file))
     whole = config.resolve(
-        config.merge(given, dict(overrides)),
-        config.load_yaml(schemas / "config.schema.yaml"),
-        config.load_yaml(Path(house) / "config/presets.yaml"),
+        config.merge(given, dict(overrides)), schema, config.load_yaml(house / "config/presets.yaml")
     )
-    samples = config.read_samples(whole["samples"], config.load_yaml(schemas / "samples.schema.yaml"))
+    samples = config.samples_of(whole, schema, sample_schema)
     return json.loads(json.dumps([whole, samples]))
 
 

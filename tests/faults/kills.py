@@ -6,6 +6,7 @@ stopped.
 """
 
 import argparse
+import contextlib
 import os
 import random
 import shutil
@@ -98,10 +99,13 @@ def children(pid):
 
 
 def kill(process, whom):
-    """Kill -9 the whole process ``group``, the ``main`` process or one ``worker``; whether all of it died."""
+    """Kill -9 the whole process ``group``, the ``main`` process or one ``worker``.
+
+    The workers that outlive it; None where there was nothing left to kill.
+    """
     workers = children(process.pid)
     if process.poll() is not None or (whom == "worker" and not workers):
-        return False
+        return None
     if whom == "group":
         os.killpg(process.pid, signal.SIGKILL)
     else:
@@ -110,7 +114,7 @@ def kill(process, whom):
     deadline = time.monotonic() + 10
     while whom != "worker" and any(alive(pid) for pid in workers) and time.monotonic() < deadline:
         time.sleep(0.05)
-    return not any(alive(pid) for pid in workers)
+    return [pid for pid in workers if alive(pid)]
 
 
 def alive(pid):
@@ -139,17 +143,20 @@ def study(numbers, seed, work, say=print):
     whole_s, wanted = time.monotonic() - began, outputs(clean)
     say(f"undisturbed: {whole_s:.1f} s")
     for number in numbers:
-        folder = prepare(work / f"{number}")
-        whom, moment = (
-            "worker" if number % 3 == 2 else "group",
-            random.Random(seed + number).uniform(0, whole_s),
-        )
-        process = start(folder)
-        time.sleep(moment)
-        while whom == "worker" and process.poll() is None and not children(process.pid):
-            time.sleep(0.01)
-        hit = kill(process, whom)
-        process.wait(timeout=600)
+        whom, outlived = "worker" if number % 3 == 2 else "group", None
+        while outlived is None:
+            folder = prepare(work / f"{number}")
+            moment = random.Random(seed + number).uniform(0, whole_s)
+            began, process = time.monotonic(), start(folder)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(timeout=moment)
+            while whom == "worker" and process.poll() is None and not children(process.pid):
+                time.sleep(0.01)
+            outlived = kill(process, whom)
+            process.wait(timeout=600)
+            if outlived is None:  # it had ended: runs are shorter by now (the first one compiles)
+                whole_s = time.monotonic() - began
+                shutil.rmtree(folder)
         done = sum(1 for path in (folder / "results").rglob("*") if path.is_file())
         left = len(litter(folder))
         began = time.monotonic()
@@ -158,7 +165,8 @@ def study(numbers, seed, work, say=print):
         different = [name for name in wanted.keys() | found.keys() if wanted.get(name) != found.get(name)]
         row = {
             "kill": number,
-            "killed": whom if hit else "nothing (the run had ended)",
+            "killed": whom,
+            "outlived": len(outlived),
             "at_s": round(moment, 2),
             "files_then": done,
             "litter_then": left,
@@ -168,9 +176,14 @@ def study(numbers, seed, work, say=print):
             "litter_after": len(litter(folder)),
         }
         say(", ".join(f"{key} {value}" for key, value in row.items()))
-        if status == 0 and not different and not row["litter_after"]:
+        if not faulty(row):
             shutil.rmtree(folder)
         yield row
+
+
+def faulty(row):
+    """Whether a kill left anything that a plain rerun did not mend."""
+    return any(row[name] for name in ("outlived", "rerun_status", "different", "litter_after"))
 
 
 def main():
@@ -185,7 +198,7 @@ def main():
         for row in study(range(len(rows), given.kills), given.seed, Path(work)):
             rows.append(row)
             pd.DataFrame(rows).to_csv(given.out, index=False)
-        bad = [row for row in rows if row["rerun_status"] or row["different"] or row["litter_after"]]
+        bad = [row for row in rows if faulty(row)]
     print(f"{len(rows)} kills, {len(bad)} not mended by a plain rerun")
     return 1 if bad else 0
 

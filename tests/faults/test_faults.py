@@ -61,7 +61,7 @@ def test_kill_after_kill(undisturbed, tmp_path):
             time.sleep(0.05)
         time.sleep(moment.uniform(0, 6))
         if process.poll() is None:
-            assert kills.kill(process, whom), f"a job outlived its killed {whom}"
+            assert not kills.kill(process, whom), f"a job outlived its killed {whom}"
         process.wait(timeout=600)
         # a damaged checkpoint costs its time, no more
         for checkpoint in folder.glob("results/**/.checkpoints/*.npz"):
@@ -70,6 +70,30 @@ def test_kill_after_kill(undisturbed, tmp_path):
     assert status == 0, said[-3000:]
     assert outputs(folder) == outputs(undisturbed)
     assert kills.litter(folder) == []
+
+
+def test_a_killed_command_line_takes_its_run_along(tmp_path):
+    """Snakemake would wait for ever, locked, for somebody to read what it says."""
+    folder = kills.prepare(tmp_path / "killed")
+    process = subprocess.Popen(
+        [sys.executable, "-m", "grainfall.cli", "run", str(folder), "--cores", "1"],
+        env={**os.environ, "PYTHONPATH": str(kills.ROOT / "src")},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    run, deadline = [], time.monotonic() + 120
+    while not any(kills.children(pid) for pid in run) and time.monotonic() < deadline:
+        time.sleep(0.05)
+        run = kills.children(process.pid)
+    run += [job for pid in run for job in kills.children(pid)]
+    assert len(run) > 1
+    process.kill()
+    process.wait()
+    deadline = time.monotonic() + 10
+    while any(map(kills.alive, run)) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not any(map(kills.alive, run))
+    assert planned(folder)
 
 
 def test_dates_do_not_matter(copy):

@@ -72,6 +72,9 @@ def test_no_sample_and_no_variant_is_named_so(name):
         config.read_samples({name: {"kind": "synthetic", "pixel_size_um": 1}}, fuzz.SAMPLE_SCHEMA)
     with pytest.raises(InputError, match="is no name"):
         config.resolve({"samples": "s", "variants": {name: {}}}, fuzz.CONFIG_SCHEMA, fuzz.PRESETS)
+    data = {name: {"source": "a.tif", "voxel_size_um": 1, "files": {64 * "a": 0}}}
+    with pytest.raises(InputError, match="is no name"):
+        config.resolve({"samples": "s", "data": data}, fuzz.CONFIG_SCHEMA, fuzz.PRESETS)
 
 
 def test_no_phase_is_named_so():
@@ -117,6 +120,9 @@ def test_braces_would_be_wildcards(folder):
         config.read_samples(
             {"a": {"kind": "binary", "image": "{x}.png", "pixel_size_um": 1}}, fuzz.SAMPLE_SCHEMA
         )
+    data = {"rock": {"source": "{x}.png", "voxel_size_um": 1, "files": {64 * "a": 0}}}
+    with pytest.raises(InputError, match="without braces"):
+        config.resolve({"samples": "s", "data": data}, fuzz.CONFIG_SCHEMA, fuzz.PRESETS)
 
 
 def test_sheet_cells_are_taken_as_they_stand(folder):

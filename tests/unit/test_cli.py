@@ -104,6 +104,10 @@ def test_nothing_is_overwritten(capsys, picture, tmp_path):
         (["export", "{tmp}/valid", "--format", "mhd"], "twin.zarr.zip: no such file"),
         (["run", "{tmp}/invalid"], "did you mean 'edge_um'?"),
         (["run", "{tmp}/garbled"], "is not YAML"),
+        (["run", "{tmp}/latin"], "config.yaml: is not UTF-8 text"),
+        (["run", "{tmp}/template"], "which would be run as code"),
+        (["status", "{tmp}/slice"], "data 'moon' is unknown"),
+        (["run", "{tmp}/synthetic"], "did you mean 'porosity'?"),
         (["new", "{tmp}/x", "--image", "no.png", "--pixel-size", "1um"], "no.png: no such file"),
         (["new", "{tmp}/x", "--image", "{image}", "--pixel-size", "1 parsec"], "a length like 1.2um"),
         (["new", "{tmp}/x", "--image", "{image}", "--pixel-size", "0um"], "is no length"),
@@ -120,9 +124,13 @@ def test_mistakes_are_one_line(capsys, picture, tmp_path, arguments, words):
         "valid": "samples: {a: {kind: synthetic, pixel_size_um: 2}}",
         "invalid": "samples: {a: {kind: synthetic, pixel_size_um: 2}}\nscene: {edge_mu: 3}",
         "garbled": "samples: [",
+        "latin": "title: caf\xe9\nsamples: {a: {kind: synthetic, pixel_size_um: 2}}",
+        "template": "__use_yte__: true\nsamples: {a: {kind: synthetic, pixel_size_um: 2}}",
+        "slice": "samples: {a: {kind: slice, data: moon, slice: z3}}",
+        "synthetic": "samples: {a: {kind: synthetic, pixel_size_um: 2, synthetic: {porosty: 0.5}}}",
     }.items():
         (tmp_path / name).mkdir()
-        (tmp_path / name / "config.yaml").write_text(text)
+        (tmp_path / name / "config.yaml").write_text(text, encoding="latin-1")
     (tmp_path / "file").write_text("")
     filled = [a.format(tmp=tmp_path, image=picture) for a in arguments]
     status, _, fault = grainfall(capsys, *filled)
@@ -225,6 +233,37 @@ def test_what_a_run_says_is_understood():
     assert known.fault == "a.png: truncated; copy it again"
 
 
+@pytest.mark.parametrize(
+    ("said", "fault"),
+    [
+        (
+            ['WorkflowError in file "common.smk", line 7:', "results: may not be written to"],
+            "results: may not",
+        ),
+        (
+            ["RuleException:", 'CalledProcessError in file "a.smk", line 5:', "Command 'cp' failed"],
+            "Command 'cp'",
+        ),
+        (["Error in rule flow:", "    jobid: 3", "WorkflowError:", "At least one job"], "At least one job"),
+        (["LockException:", "Error: Directory cannot be locked."], "the study is locked"),
+        (
+            [
+                "RuleException:",
+                "Command 'python /a/tmp1.flow.py' died with <Signals.SIGKILL: 9>.",
+                "grainfall: b",
+            ],
+            "a job of rule flow was ended by SIGKILL, as a machine short of memory does",
+        ),
+        (["grainfall: a.png: truncated", "WorkflowError:", "At least one job"], "a.png: truncated"),
+    ],
+)
+def test_the_first_fault_is_the_one_that_is_told(said, fault):
+    known = study.Followed()
+    for line in said:
+        known.read(line)
+    assert known.fault.startswith(fault)
+
+
 def test_export_replaces_only_by_force(capsys, tmp_path):
     folder = tmp_path / "valid"
     twin = folder / "results/a/full/0"
@@ -258,6 +297,14 @@ def test_documentation_builds_without_a_warning(root, tmp_path):
     modules = sorted((root / "src/grainfall").iterdir())
     chapters = {m.stem for m in modules if not m.name.startswith("_")} - {"cli"}
     assert {c for c in chapters if f'id="module-grainfall.{c}"' not in library} == set()
+    # it reads the same without a network: nothing comes from elsewhere, the browser draws the equations
+    loaded = re.compile(r"""<(?:script|link|img|iframe)\b[^>]*\b(?:src|href)=["']?(?:https?:)?//[^>]*>""")
+    assert [tag for page in tmp_path.rglob("*.html") for tag in loaded.findall(page.read_text())] == []
+    sheets = "".join(sheet.read_text() for sheet in tmp_path.rglob("*.css"))
+    assert not re.search(r"@import|url\(\s*[\"']?(?:https?:)?//", sheets)
+    method = (tmp_path / "method.html").read_text()
+    assert method.count("<math") == (root / "docs/method.md").read_text().replace("$$", "$").count("$") / 2
+    assert "\\frac" not in method
 
 
 def test_study_can_be_made_from_a_zarr_folder(capsys, tmp_path):

@@ -54,6 +54,34 @@ def test_precedence(schema, presets):
     assert config.variant(whole, "b")["scene"]["edge_grains"] == whole["scene"]["edge_grains"]
 
 
+def reworded(content):
+    """The same values with the keys in another order, and with a point in whole numbers."""
+    if isinstance(content, dict):
+        return {key: reworded(content[key]) for key in reversed(content)}
+    if isinstance(content, list):
+        return [reworded(item) for item in content]
+    return float(content) if type(content) is int else content
+
+
+def test_one_meaning_has_one_text(root, schema, sample_schema, presets):
+    """Snakemake compares parameters as text."""
+    for file in (root / "config/config.yaml", *sorted((root / "config/cases").glob("*.yaml"))):
+        given = config.load_yaml(file)
+        whole = config.resolve(given, schema, presets)
+        again = config.resolve(reworded(given), schema, presets)
+        assert repr(again["realizations"]) == repr(whole["realizations"])  # an integer may be written 2.0
+        for name in whole["variants"]:
+            one, other = (
+                {**config.variant(w, name), "samples": None, "variants": None} for w in (whole, again)
+            )
+            assert repr(one) == repr(other)
+        # what the user listed is shown in the user's order
+        assert list(whole["variants"]) == list(reversed(again["variants"]))
+    mapping = {"b": {"kind": "synthetic", "pixel_size_um": 2, "synthetic": {"exponent": 2, "dissolved": 0}}}
+    one, other = (config.read_samples(m, sample_schema) for m in (mapping, reworded(mapping)))
+    assert repr(one) == repr(other)
+
+
 def test_bare_on_and_off_are_switches(schema, presets):
     """YAML 1.1 takes them for true and false."""
     text = (
@@ -207,9 +235,14 @@ def test_a_sample_has_its_own_synthetic_rock(schema):
         config.synthesis(whole, {"synthetic": {"porosty": 0.5}}, schema, "here")
 
 
-def test_a_slice_names_its_volume(sample_schema):
+def test_a_slice_names_its_volume(sample_schema, tmp_path):
     rows = config.read_samples({"a": {"kind": "slice", "data": "rock", "slice": "z3"}}, sample_schema)
-    config.check_data(rows, {"rock": {}})
+    (tmp_path / "rock.tif").write_bytes(b"")
+    for source in (str(tmp_path / "rock.tif"), "http://rock.invalid/a.zip"):
+        config.check_data(rows, {"rock": {"source": source}})
+    for source, words in (("no.tif", "does not exist"), ("/dev/zero", "neither a file")):
+        with pytest.raises(InputError, match=words):
+            config.check_data(rows, {"rock": {"source": source}})
     with pytest.raises(InputError, match="data 'rock' is unknown"):
         config.check_data(rows, {})
     with pytest.raises(InputError, match="slice is missing"):

@@ -98,7 +98,7 @@ def test_change_of_a_key_or_a_version_in_plain_words(study, root, monkeypatch):
     (study / "my.yaml").write_text("# a remark changes nothing\n" + yaml.safe_dump(given))
     assert changes(root) == [
         "config: scene.porosity was None, is 0.3",
-        "config: sample rock.pixel_size_um was 2.0, is 3.0",
+        "config: sample rock.pixel_size_um was 2, is 3",
     ]
     later = {**provenance.versions(), "numpy": "99"}
     monkeypatch.setattr(provenance, "versions", lambda: later)

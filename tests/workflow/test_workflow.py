@@ -2,6 +2,7 @@
 
 import copy
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -55,6 +56,13 @@ def changed(**over):
     return config
 
 
+def reworded(content):
+    """The same values, keys in another order, whole numbers with a point."""
+    if isinstance(content, dict):
+        return {key: reworded(content[key]) for key in reversed(content)}
+    return float(content) if type(content) is int else content
+
+
 def test_summary_and_report(finished):
     summary = pd.read_csv(finished / "results/summary.csv")
     assert tuple(summary.columns) == SUMMARY_COLUMNS
@@ -62,6 +70,15 @@ def test_summary_and_report(finished):
     computed = ["porosity", "k_x_md", "k_ref_z_md", "s2_envelope_p", "w1_grains_um", "max_overlap", "wall_s"]
     assert summary[computed].notna().all(axis=None)
     assert (finished / "results/report.html").stat().st_size > 1e5
+
+
+def test_every_output_column_is_documented(finished):
+    text = (ROOT / "results/README.md").read_text()
+    tables = sorted((finished / "results").rglob("*.csv"))
+    columns = {(path.name, name) for path in tables for name in pd.read_csv(path, nrows=0).columns}
+    assert len(columns) > 100
+    word = r"(?<![\w.]){}(?![\w\[])"
+    assert [pair for pair in sorted(columns) if not re.search(word.format(re.escape(pair[1])), text)] == []
 
 
 def test_twin_keeps_its_contract(finished):
@@ -151,6 +168,12 @@ def test_rock_too_dense_for_its_grains_is_cemented(finished):
 
 def test_second_run_does_nothing(finished):
     assert planned(finished) == {}
+    # nor does one whose config says the same in other words
+    write_config(finished, reworded(TINY))
+    try:
+        assert planned(finished) == {}
+    finally:
+        write_config(finished, TINY)
 
 
 def test_verify_says_what_changed(finished, tmp_path, monkeypatch, capsys):

@@ -18,6 +18,7 @@ from grainfall import config as sheet
 from grainfall import provenance
 from grainfall.errors import InputError
 from grainfall.export import FORMATS
+from grainfall.lifeline import end_with
 from grainfall.report.texts import TEXTS
 
 import grimp
@@ -54,6 +55,9 @@ def sole_run():
 
 if workflow.is_main_process:
     RUNNING = sole_run()
+    # Nobody would read what a run says whose grainfall was killed: it would wait for ever.
+    if cli := os.environ.get("GRAINFALL_CLI"):
+        end_with(int(cli))
 os.environ.update(GRAINFALL_SNAKEMAKE=str(os.getpid()))  # jobs end when it does
 
 CONFIG_SCHEMA = sheet.load_yaml(HOUSE / "workflow/schemas/config.schema.yaml")
@@ -66,16 +70,15 @@ try:
     CONFIG = sheet.resolve(
         config, CONFIG_SCHEMA, sheet.load_yaml(HOUSE / "config/presets.yaml")
     )
-    SAMPLES = sheet.read_samples(CONFIG["samples"], SAMPLE_SCHEMA)
-    sheet.check_data(SAMPLES, CONFIG["data"])
-    SYNTHESES = {
-        name: sheet.synthesis(CONFIG, row, CONFIG_SCHEMA, f"config: sample {name}")
-        for name, row in SAMPLES.items()
-        if row["kind"] == "synthetic"
-    }
+    SAMPLES = sheet.samples_of(CONFIG, CONFIG_SCHEMA, SAMPLE_SCHEMA)
 except InputError as fault:
     raise WorkflowError(str(fault))
 
+SYNTHESES = {
+    name: sheet.synthesis(CONFIG, row, CONFIG_SCHEMA, f"config: sample {name}")
+    for name, row in SAMPLES.items()
+    if row["kind"] == "synthetic"
+}
 VARIANTS = {name: sheet.variant(CONFIG, name) for name in CONFIG["variants"]}
 REALIZATIONS = range(CONFIG["realizations"])
 SLICES = [name for name, row in SAMPLES.items() if row["kind"] == "slice"]
@@ -290,9 +293,7 @@ def sliced_measurements(wildcards):
 def data_source(wildcards):
     """The file as it was published: from this machine, or through Snakemake's storage."""
     source = CONFIG["data"][wildcards.data]["source"]
-    if not source.startswith(("http://", "https://")):
-        return source
-    return storage.http(source)
+    return storage.http(source) if sheet.is_address(source) else source
 
 
 # ---- the validation cases

@@ -138,7 +138,7 @@ rule shared_reference:
     conda:
         ENVS["analysis"]
     shell:
-        "cp -t results/{wildcards.sample} {input} > {log} 2>&1"
+        "cp -t results/{wildcards.sample:q} {input:q} > {log:q} 2>&1"
 
 
 rule tomogram:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import re
 import subprocess
 import sys
@@ -19,6 +20,11 @@ CONFIGS = ("config.yaml", "config/config.yaml")
 """Where a study's config may lie in its folder: its own, or that of a checkout."""
 STEPS = re.compile(r"^(\d+) of (\d+) steps")
 RULE = re.compile(r"^(?:local)?rule (\w+):")
+FAULT = re.compile(r"^\w+(?:Error|Exception)(?: in .*)?:$")
+"""Snakemake's heading of a fault of its own; what it was is on the next line."""
+
+DIED = re.compile(r"\.(\w+)\.py' died with <Signals\.(\w+):")
+"""A job that nobody heard of again: rule and signal."""
 
 
 def house() -> Path:
@@ -92,7 +98,8 @@ def open_study(folder: str | Path) -> Study:
         raise InputError(folder, "holds no config.yaml", "grainfall new STUDY makes one")
     with contextlib.chdir(folder):
         config = resolved(sheet.load_yaml(files[0]), files[0].name)
-        return Study(folder, files[0], config, sheet.read_samples(config["samples"], schema("samples")))
+        samples = sheet.samples_of(config, schema("config"), schema("samples"))
+        return Study(folder, files[0], config, samples)
 
 
 def schema(name: str) -> dict:
@@ -132,12 +139,15 @@ class Followed:
         The one started last.
     fault : str
         First line that tells what went wrong.
+    headed : bool
+        Whether the last line was the heading of a fault.
     """
 
     done: int = 0
     total: int = 0
     rule: str = ""
     fault: str = ""
+    headed: bool = False
 
     def read(self, line: str) -> None:
         """Take in one line of Snakemake's output."""
@@ -147,12 +157,20 @@ class Followed:
             self.rule = rule.group(1)
         elif line.startswith("total ") and not self.total:
             self.total = int(line.split()[1])
-        elif not self.fault and ("(trace in " in line or line.startswith("grainfall: ")):
+        elif not self.fault and (died := DIED.search(line)):
+            rule, name = died.groups()
+            why = ", as a machine short of memory does" if name == "SIGKILL" else ""
+            self.fault = f"a job of rule {rule} was ended by {name}{why}"
+        elif FAULT.match(line) and "LockException" not in line:
+            self.headed = True
+            return
+        elif not self.fault and (self.headed or "(trace in " in line or line.startswith("grainfall: ")):
             self.fault = line.removeprefix("grainfall: ")
         elif not self.fault and "LockException" in line:
             self.fault = (
                 "the study is locked: a run is going on, or one was killed (then: grainfall run --unlock)"
             )
+        self.headed = False
 
 
 def follow(command: Sequence[str], each: Callable[[str, Followed], None]) -> tuple[int, Followed]:
@@ -174,7 +192,8 @@ def follow(command: Sequence[str], each: Callable[[str, Followed], None]) -> tup
 @contextlib.contextmanager
 def _started(command: Sequence[str]) -> Iterator[subprocess.Popen]:
     """The running command; it ends with the block, and stops its jobs first when we are interrupted."""
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    said = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    process = subprocess.Popen(command, env={**os.environ, "GRAINFALL_CLI": str(os.getpid())}, **said)
     try:
         yield process
     except BaseException:
@@ -193,10 +212,11 @@ def jobs_left(study: Study) -> dict[str, int]:
         When Snakemake cannot tell.
     """
     command = snakemake(study, "--dry-run", "--nolock", "--quiet", "host")
-    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-    if done.returncode:
-        lines = [line for line in done.stdout.splitlines() if line.strip()]
-        raise InputError("snakemake", lines[-1] if lines else "said nothing", "see grainfall run --verbose")
-    table = done.stdout.partition("Job stats:")[2].partition("\ntotal")[0]
+    lines: list[str] = []
+    status, known = follow(command, lambda line, _: lines.append(line))
+    if status:
+        fault = known.fault or next(filter(str.strip, reversed(lines)), "said nothing")
+        raise InputError("snakemake", fault, "see grainfall run --verbose")
+    table = "\n".join(lines).partition("Job stats:")[2].partition("\ntotal")[0]
     rows = [line.split() for line in table.splitlines()]
     return {row[0]: int(row[1]) for row in rows if len(row) == 2 and row[1].isdigit() and row[0] != "all"}
