@@ -364,6 +364,24 @@ def tomograms_of_case(wildcards):
     return expand(f"{SAMPLE}/tomogram/{{name}}", sample=TOMOGRAMS, name=names)
 
 
+# ---- what accuracy costs
+
+
+def observed_so_far(wildcards):
+    """What the sweep has measured, with its age; as above, no input."""
+    found = [
+        *Path("results").glob("*/*/*/first/observed.json"),
+        *Path("results").glob("*/*/*/observed.json"),
+        *Path("results/accuracy").glob("*/*.csv"),
+    ]
+    return {str(path): path.stat().st_mtime_ns for path in sorted(found)}
+
+
+def known_settings(wildcards):
+    """Settings of a knob of the analysis, as words."""
+    return [str(value) for value in CONFIG["accuracy_sweep"]["known"][wildcards.knob]]
+
+
 onstart:
     target = Path("results") if Path("results").exists() else Path()
     if not os.access(target, os.W_OK):

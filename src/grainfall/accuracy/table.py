@@ -1,0 +1,282 @@
+"""Errors and costs of settings in one table, the front between them, and the cheapest preset that will do."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from grainfall import io
+from grainfall.accuracy.observe import METRICS, differences
+from grainfall.errors import InputError
+from grainfall.report.tables import read_costs, t_interval
+
+TABLE = files("grainfall.accuracy") / "presets.csv"
+SOURCE = "src/grainfall/accuracy/presets.csv, measured by make accuracy"
+
+PRESETS = "preset"
+"""The knob whose settings are the presets."""
+
+COSTS = ("wall_s", "cpu_s", "peak_rss_mb")
+
+COLUMNS = (
+    "scene", "knob", "setting", "against", "metric", "n", "error", "lower", "upper",
+    "bias", "bias_lower", "bias_upper", *COSTS, "front",
+)  # fmt: skip
+"""Columns of results/accuracy/accuracy.csv."""
+
+PACKING, TWIN = "packing", "twin"
+"""Scenes: grains poured once, and whole twins; a knob of the analysis is a scene of its own."""
+
+
+def gather(results: str | Path, sweep: Mapping, samples: Sequence[str], jobs: Sequence[str]) -> pd.DataFrame:
+    """Every difference that is measured so far.
+
+    Parameters
+    ----------
+    results : path
+    sweep : mapping
+        The config's ``accuracy_sweep``.
+    samples : sequence of str
+    jobs : sequence of str
+        What a whole twin takes.
+
+    Returns
+    -------
+    DataFrame
+        scene, knob, setting, against, repeat, metric, difference, wall_s, cpu_s, peak_rss_mb.
+    """
+    root = Path(results)
+    pairs = [(knob, v, sweep["against"]) for knob, found in sweep["packing"].items() for v in found]
+    pairs += [("chance", setting, against) for setting, against in sweep["chance"].items()]
+    rows: list[dict] = []
+    for sample in samples:
+        for knob, setting, against in pairs:
+            for path in sorted((root / sample / setting).glob("*/first/observed.json")):
+                held = root / sample / against / path.parent.parent.name / "first/observed.json"
+                rows += _paired((PACKING, knob, setting, against), path, held, ["first_packing"])
+        for preset in sweep["presets"]:
+            for path in sorted((root / sample / preset).glob("*/observed.json")):
+                held = root / sample / "observed.json"
+                rows += _paired((TWIN, PRESETS, preset, "truth"), path, held, jobs)
+    known = [
+        pd.read_csv(path)
+        for knob in sweep["known"]
+        for path in sorted((root / "accuracy" / knob).glob("*.csv"))
+    ]
+    return pd.concat([pd.DataFrame(rows, columns=list(REPEATS)), *known], ignore_index=True)
+
+
+REPEATS = ("scene", "knob", "setting", "against", "repeat", "metric", "difference", *COSTS)
+
+
+def _paired(about: tuple, path: Path, held: Path, jobs: Sequence[str]) -> list[dict]:
+    """Differences of a volume to the one it is held against, with its cost; nothing while one is missing."""
+    twin = next(folder for folder in path.parents if folder.name.isdigit())
+    if not held.exists():
+        return []
+    written = [twin / f"benchmarks/{job}.tsv" for job in jobs]
+    costs = read_costs(file for file in written if file.exists())
+    spent = (costs["wall_s"].sum(), costs["cpu_s"].sum(), costs["peak_rss_mb"].max())
+    repeat = f"{twin.parent.parent.name}/{twin.name}"
+    errors = differences(io.read_json(path), io.read_json(held))
+    return [dict(zip(REPEATS, (*about, repeat, *error, *spent), strict=True)) for error in errors.items()]
+
+
+def summarise(repeats: pd.DataFrame) -> pd.DataFrame:
+    """Error and cost of every setting over its repeats.
+
+    A repeat draws the same numbers under every setting, so a difference is that of two settings in one
+    repeat, never of two means. The error of a setting is the mean size of its differences: what one run is off by.
+    Its bias is their mean with the sign left on: what no number of runs averages out.
+
+    Parameters
+    ----------
+    repeats : DataFrame
+        As :func:`gather` gives it: a row a setting, repeat and metric.
+
+    Returns
+    -------
+    DataFrame
+        Columns :data:`COLUMNS`, knobs and settings in the order of the repeats. Bounds are 95 % t-intervals,
+        not below 0 for an error, empty for a single repeat; costs are medians. ``front``: nothing in the same
+        scene, held against the same, is as cheap and as near and better in one (:func:`front`, CPU seconds).
+    """
+    rows = []
+    keys = ["scene", "knob", "setting", "against", "metric"]
+    for key, group in repeats.groupby(keys, sort=False):
+        values = group["difference"].to_numpy(float)
+        values = values[np.isfinite(values)]
+        if not len(values):
+            continue
+        error, lower, upper = t_interval(np.abs(values))[1:]
+        rows.append(
+            (
+                *(*key, len(values), error, np.maximum(lower, 0.0), upper, *t_interval(values)[1:]),
+                *(group[cost].median() for cost in COSTS),
+                False,
+            )
+        )
+    table = pd.DataFrame(rows, columns=list(COLUMNS))
+    for _, group in table.groupby(["scene", "against", "metric"], sort=False):
+        table.loc[group.index, "front"] = front(group["cpu_s"].to_numpy(), group["error"].to_numpy())
+    return table
+
+
+def front(cost: np.ndarray, error: np.ndarray) -> np.ndarray:
+    """Whether each point is on the Pareto front: no other is as cheap and as near, and better in one of them.
+
+    Parameters
+    ----------
+    cost, error : (n,) arrays
+
+    Returns
+    -------
+    (n,) array of bool
+    """
+    cost, error = np.asarray(cost, float), np.asarray(error, float)
+    no_worse = (cost[None] <= cost[:, None]) & (error[None] <= error[:, None])
+    better = (cost[None] < cost[:, None]) | (error[None] < error[:, None])
+    return ~(no_worse & better).any(axis=1)
+
+
+def rounded(table: pd.DataFrame) -> pd.DataFrame:
+    """The table with four significant digits, more than it is good for."""
+    return table.map(lambda v: float(f"{v:.4g}") if isinstance(v, float) else v)
+
+
+# ---- which preset will do
+
+
+def presets_of(table: pd.DataFrame) -> pd.DataFrame:
+    """The rows of :func:`summarise` that say what presets are worth, as they are committed."""
+    rows = table[table["knob"] == PRESETS]
+    kept = ["setting", "metric", "n", "error", "lower", "upper", *COSTS]
+    return rows[kept].rename(columns={"setting": "preset"}).reset_index(drop=True)
+
+
+def committed() -> pd.DataFrame:
+    """What presets are worth, the table that comes with the package."""
+    with TABLE.open() as file:
+        return pd.read_csv(file)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A preset, and what it is expected to do.
+
+    Attributes
+    ----------
+    preset, metric : str
+    tolerance, error, upper : float
+        Asked for; mean error in the table, and the upper end of its 95 % interval.
+    n : int
+        Repeats behind it.
+    cpu_s : float
+        Of a twin in the table's scene.
+    """
+
+    preset: str
+    metric: str
+    tolerance: float
+    error: float
+    upper: float
+    n: int
+    cpu_s: float
+
+    @property
+    def words(self) -> str:
+        """The expectation, as a clause."""
+        label = METRICS[self.metric].label
+        return (
+            f"{label} within {self.tolerance:g} asked for: {self.preset} is the cheapest preset measured to "
+            f"hold that, off by {self.error:.2g} on average over {self.n} twins (95 % interval up to "
+            f"{self.upper:.2g})"
+        )
+
+
+def choose(metric: str, tolerance: float, table: pd.DataFrame, where: str = "config: accuracy") -> Choice:
+    """The cheapest preset whose error is measured to lie within a tolerance.
+
+    Measured means with the whole 95 % interval of the mean error: a preset with few repeats has a wide one.
+
+    Parameters
+    ----------
+    metric : str
+        One of those in the table.
+    tolerance : float
+        Largest error, as :data:`METRICS` expresses it.
+    table : DataFrame
+        As :func:`presets_of` gives it.
+    where : str
+        Name of the config key in messages.
+
+    Raises
+    ------
+    InputError
+        For a metric that the table does not hold, or a tolerance that no preset is measured to keep.
+    """
+    known = list(dict.fromkeys(table["metric"]))
+    if metric not in known:
+        near = difflib.get_close_matches(str(metric), known, n=1)
+        hint = f"did you mean '{near[0]}'?" if near else f"one of: {', '.join(known)}"
+        raise InputError(f"{where}.metric", f"unknown metric '{metric}'", hint)
+    rows = table[(table["metric"] == metric) & table["upper"].notna()].sort_values(["cpu_s", "upper"])
+    if rows.empty:
+        raise InputError(f"{where}.metric", f"no preset's error in {metric} has an interval yet", SOURCE)
+    held = rows[rows["upper"] <= tolerance]
+    if held.empty:
+        best = rows.loc[rows["upper"].idxmin()]
+        raise InputError(
+            f"{where}.tolerance",
+            f"no preset is measured to hold {metric} within {tolerance:g}",
+            f"at least {_up(best['upper'])}, the best measured ({best['preset']}: {best['error']:.2g} on "
+            f"average over {best['n']} twins; {SOURCE}), or name a preset yourself",
+        )
+    row = held.iloc[0]
+    return Choice(
+        row["preset"], metric, float(tolerance), float(row["error"]), float(row["upper"]), int(row["n"]),
+        float(row["cpu_s"]),
+    )  # fmt: skip
+
+
+def _up(value: float) -> str:
+    """Two significant digits, rounded up: the tolerance suggested must be one that is kept."""
+    step = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return f"{math.ceil(value / step - 1e-9) * step:.2g}"
+
+
+def with_accuracy(config: Mapping, table: pd.DataFrame, where: str = "config") -> dict:
+    """The user's config with the preset that its ``accuracy`` calls for; as it is without.
+
+    Parameters
+    ----------
+    config : mapping
+        As the user wrote it.
+    table : DataFrame
+        As :func:`presets_of` gives it.
+
+    Raises
+    ------
+    InputError
+        As :func:`choose`, and where the config names a preset too.
+    """
+    asked = config.get("accuracy")
+    if not isinstance(asked, Mapping) or not {"metric", "tolerance"} <= set(asked):
+        return dict(config)  # the schema says what is wrong with it
+    if not isinstance(asked["tolerance"], int | float) or isinstance(asked["tolerance"], bool):
+        return dict(config)
+    chosen = choose(asked["metric"], asked["tolerance"], table, f"{where}: accuracy")
+    if config.get("preset", chosen.preset) != chosen.preset:
+        raise InputError(
+            f"{where}: preset",
+            f"'{config['preset']}' is named, and accuracy asks for '{chosen.preset}'",
+            "leave out one of the two",
+        )
+    return {**config, "preset": chosen.preset}
