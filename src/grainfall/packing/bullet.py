@@ -20,6 +20,10 @@ WALLS = (
     ((0, 1, 0), (0, -1, 0)),
 )
 
+PUSH = 40.0
+"""Rate, 1/s, at which contacts take overlaps back. At Bullet's own, a fifth of them a step, poured cubes end
+up to 0.05 R inside each other; much faster, bodies that start inside each other are thrown apart."""
+
 
 class Bullet:
     """:class:`grainfall.packing.engine.Engine` on Bullet's sequential impulses.
@@ -41,6 +45,7 @@ class Bullet:
             numSubSteps=0,
             restitutionVelocityThreshold=p.bounce_speed,
             contactBreakingThreshold=p.contact_breaking,
+            contactERP=min(1.0, PUSH * p.dt),
             deterministicOverlappingPairs=1,
             physicsClientId=self._client,
         )
@@ -85,6 +90,9 @@ class Bullet:
             body,
             -1,
             mass=solid.mass,
+            # Without it a contact of hulls forgets what it slid, and every bed creeps on. Between spheres,
+            # whose contact rolls along, it would tie together what has moved on.
+            frictionAnchor=int(bool(solid.parts)),
             localInertiaDiagonal=[float(c) for c in solid.inertia],
             linearDamping=_per_second(self._parameters.linear_damping),
             angularDamping=_per_second(self._parameters.angular_damping),
