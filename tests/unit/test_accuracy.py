@@ -3,14 +3,25 @@
 import numpy as np
 import pandas as pd
 import pytest
-import yaml
 
-from grainfall import accuracy, config
+from grainfall import accuracy, config, presets
 from grainfall.accuracy import known
 from grainfall.accuracy.figure import accuracy_figure
 from grainfall.errors import InputError
+from grainfall.packing import parameters_of
 
 FREE = known.Cost(1.0, 1.0, 100.0)
+
+
+@pytest.fixture(scope="module")
+def schema(root):
+    return config.load_yaml(root / "workflow/schemas/config.schema.yaml")
+
+
+@pytest.fixture(scope="module")
+def ready(root):
+    """The presets."""
+    return config.load_yaml(root / "config/presets.yaml")
 
 
 def here(work):
@@ -18,14 +29,9 @@ def here(work):
     return work(), FREE
 
 
-def presets(**rows: tuple) -> pd.DataFrame:
-    """Presets by (error, upper, cpu_s), of the metric k."""
-    return pd.DataFrame(
-        [
-            {"preset": p, "metric": "k", "n": 5, "error": e, "lower": 0.0, "upper": u, "cpu_s": c}
-            for p, (e, u, c) in rows.items()
-        ]
-    )
+def table(metric: str = "k", **rows: tuple) -> list[presets.Choice]:
+    """Presets by (error, upper, cpu_s)."""
+    return [presets.Choice(p, metric, error, upper, 5, cpu_s) for p, (error, upper, cpu_s) in rows.items()]
 
 
 def repeats(differences: dict[str, list[float]], cpu_s: dict[str, float]) -> pd.DataFrame:
@@ -58,17 +64,18 @@ class TestFront:
         on = accuracy.front(cost, error)
         steps = error[on][np.argsort(cost[on])]
         assert (np.diff(steps) < 0).all()
-        assert on[np.argmin(cost)] and on[np.argmin(error)]
+        assert on[np.argmin(cost)]
+        assert on[np.argmin(error)]
 
 
 class TestSummary:
     def test_error_is_of_single_runs_and_bias_of_their_mean(self):
         """Differences that cancel leave no bias, and an error all the same."""
-        table = accuracy.summarise(repeats({"a": [0.1, -0.1], "b": [0.1, 0.1]}, {"a": 1, "b": 2}))
-        a, b = table.to_dict("records")
+        rows = accuracy.summarise(repeats({"a": [0.1, -0.1], "b": [0.1, 0.1]}, {"a": 1, "b": 2}))
+        a, b = rows.to_dict("records")
         assert (a["error"], a["bias"]) == (pytest.approx(0.1), pytest.approx(0))
         assert (b["error"], b["bias"]) == (pytest.approx(0.1), pytest.approx(0.1))
-        assert a["front"] and not b["front"]
+        assert (a["front"], b["front"]) == (True, False)
 
     def test_interval_is_students(self):
         values = np.array([0.05, 0.08, 0.11, 0.2])
@@ -82,10 +89,11 @@ class TestSummary:
 
     def test_a_single_run_has_no_interval(self):
         row = accuracy.summarise(repeats({"a": [0.1]}, {"a": 1})).iloc[0]
-        assert row["n"] == 1 and np.isnan(row["upper"])
+        assert row["n"] == 1
+        assert np.isnan(row["upper"])
 
     def test_settings_are_paired_by_repeat(self, tmp_path):
-        """Two rocks of very different K, a setting 10 % off in both: the error is 10 %, not the rocks' spread."""
+        """Two rocks of different K, a setting 10 % off in both: the error is 10 %, not the rocks' spread."""
         for sample, k in (("one", 100.0), ("two", 900.0)):
             for variant, factor in (("coarse", 1.1), ("finest", 1.0)):
                 first = tmp_path / sample / variant / "0/first"
@@ -110,40 +118,40 @@ class TestSummary:
 
 
 class TestPick:
-    TABLE = presets(draft=(0.1, 0.2, 10.0), standard=(0.05, 0.09, 40.0), reference=(0.03, 0.05, 200.0))
+    TABLE = table(draft=(0.1, 0.2, 10.0), standard=(0.05, 0.09, 40.0), reference=(0.03, 0.05, 200.0))
 
     def test_is_the_cheapest_whose_interval_is_within(self):
         for tolerance, preset in ((0.3, "draft"), (0.1, "standard"), (0.06, "reference")):
-            chosen = accuracy.choose("k", tolerance, self.TABLE)
+            chosen = presets.choose("k", tolerance, self.TABLE)
             assert chosen.preset == preset
-            cheaper = self.TABLE[self.TABLE["cpu_s"] < chosen.cpu_s]
-            assert chosen.upper <= tolerance and (cheaper["upper"] > tolerance).all()
+            assert chosen.upper <= tolerance
+            assert all(row.upper > tolerance for row in self.TABLE if row.cpu_s < chosen.cpu_s)
 
     def test_what_nothing_supports_says_what_the_best_is(self):
-        with pytest.raises(InputError, match=r"within 0.01.*at least 0.05.*reference"):
-            accuracy.choose("k", 0.01, self.TABLE)
+        with pytest.raises(InputError, match=r"within 0\.01.*at least 0\.05.*reference"):
+            presets.choose("k", 0.01, self.TABLE)
 
     def test_the_tolerance_that_is_suggested_is_kept(self):
-        table = presets(one=(0.1, 0.12345, 1.0))
+        one = table(one=(0.1, 0.12345, 1.0))
         with pytest.raises(InputError) as fault:
-            accuracy.choose("k", 0.01, table)
-        accuracy.choose("k", float(fault.value.right.split()[2].rstrip(",")), table)
+            presets.choose("k", 0.01, one)
+        presets.choose("k", float(fault.value.right.split()[2].rstrip(",")), one)
 
     def test_a_single_run_supports_nothing(self):
-        with pytest.raises(InputError, match="no interval|interval"):
-            accuracy.choose("k", 1.0, presets(draft=(0.0, np.nan, 1.0)))
+        with pytest.raises(InputError, match="interval"):
+            presets.choose("k", 1.0, table(draft=(0.0, np.nan, 1.0)))
+        with pytest.raises(InputError, match="measured yet"):
+            presets.choose("k", 1.0, [])
 
     def test_unknown_metric_is_told_the_nearest(self):
-        table = pd.concat([self.TABLE, self.TABLE.assign(metric="porosity")])
         with pytest.raises(InputError, match="did you mean 'porosity'"):
-            accuracy.choose("porosty", 0.1, table)
+            presets.choose("porosty", 0.1, [*self.TABLE, *table("porosity", draft=(0.0, 0.0, 1.0))])
 
     def test_becomes_the_preset_of_the_config(self):
         asked = {"accuracy": {"metric": "k", "tolerance": 0.1}, "seed": 3}
-        assert accuracy.with_accuracy(asked, self.TABLE) == {**asked, "preset": "standard"}
-        assert accuracy.with_accuracy({"seed": 3}, self.TABLE) == {"seed": 3}
+        assert presets.with_accuracy(asked, self.TABLE) == {**asked, "preset": "standard"}
         with pytest.raises(InputError, match="leave out one"):
-            accuracy.with_accuracy({**asked, "preset": "draft"}, self.TABLE)
+            presets.with_accuracy({**asked, "preset": "draft"}, self.TABLE)
 
     @pytest.mark.parametrize(
         "asked",
@@ -151,16 +159,32 @@ class TestPick:
             {"metric": "k"},
             {"metric": "k", "tolerance": "0.1"},
             {"metric": "k", "tolerance": 0},
-            "k",
             {"metric": 3, "tolerance": 1},
+            {"metric": "kk", "tolerance": 1},
+            {"metric": "k", "tolerance": 1e-9},
+            "k",
         ],
     )
-    def test_malformed_is_refused_in_one_line(self, root, asked):
-        schema = config.load_yaml(root / "workflow/schemas/config.schema.yaml")
-        with pytest.raises(InputError) as fault:
-            given = accuracy.with_accuracy({"samples": "s.tsv", "accuracy": asked}, self.TABLE)
-            config.resolve(given, schema, {})
-        assert "accuracy" in str(fault.value)
+    def test_what_cannot_be_is_refused_in_one_line(self, schema, ready, asked):
+        with pytest.raises(InputError, match="accuracy") as fault:
+            config.resolve({"samples": "s.tsv", "accuracy": asked}, schema, ready)
+        assert "\n" not in str(fault.value)
+
+    def test_committed_table_holds_presets_that_exist(self, ready):
+        rows = presets.measured()
+        assert {row.preset for row in rows} <= set(ready)
+        assert {row.metric for row in rows} <= set(presets.METRICS)
+        assert all(0 <= row.error < row.upper and row.cpu_s > 0 for row in rows)
+
+    def test_committed_table_picks_for_a_config(self, schema, ready):
+        """The largest tolerance takes the cheapest preset, whose values the config then has."""
+        cheapest = min((row for row in presets.measured() if row.metric == "k"), key=lambda row: row.cpu_s)
+        whole = config.resolve(
+            {"samples": "s.tsv", "accuracy": {"metric": "k", "tolerance": 100}}, schema, ready
+        )
+        assert whole["preset"] == cheapest.preset
+        own = config.resolve({"samples": "s.tsv", "preset": cheapest.preset}, schema, ready)
+        assert {**whole, "accuracy": None} == own
 
 
 class TestKnownTruths:
@@ -213,44 +237,29 @@ class TestKnownTruths:
 
 
 class TestTheStudy:
-    def test_config_names_what_there_is(self, root):
-        schema = config.load_yaml(root / "workflow/schemas/config.schema.yaml")
-        ready = config.load_yaml(root / "config/presets.yaml")
+    def test_config_names_what_there_is(self, root, schema, ready):
         study = config.resolve(config.load_yaml(root / "config/cases/accuracy.yaml"), schema, ready)
         sweep = study["accuracy_sweep"]
         used = {v for found in sweep["packing"].values() for v in found} | set(sweep["presets"])
         used |= {sweep["against"], *sweep["chance"], *sweep["chance"].values()}
         assert used == set(study["variants"])
-        assert set(schema["properties"]["accuracy_sweep"]["properties"]["known"]["properties"]) == set(
-            known.KNOBS
-        )
+        described = schema["properties"]["accuracy_sweep"]["properties"]["known"]["properties"]
+        assert set(described) == set(known.KNOBS)
 
-    def test_preset_variants_pack_as_the_presets_do(self, root):
-        schema = config.load_yaml(root / "workflow/schemas/config.schema.yaml")
-        ready = config.load_yaml(root / "config/presets.yaml")
-        study = config.load_yaml(root / "config/cases/accuracy.yaml")
-        whole = config.resolve(study, schema, ready)
-        from grainfall.packing import parameters_of
-
+    def test_preset_variants_pack_as_the_presets_do(self, root, schema, ready):
+        whole = config.resolve(config.load_yaml(root / "config/cases/accuracy.yaml"), schema, ready)
         for preset in whole["accuracy_sweep"]["presets"]:
             own = config.resolve({"samples": "s.tsv", "preset": preset}, schema, ready)
-            here = config.variant(whole, preset)
-            assert parameters_of(here["packing"], here["effects"]) == parameters_of(
-                own["packing"], own["effects"]
-            )
-            assert here["effects"] == own["effects"] and here["feedback"] == own["feedback"]
-
-    def test_committed_table_holds_presets_that_exist(self, root):
-        table = accuracy.committed()
-        assert set(table["preset"]) <= set(yaml.safe_load((root / "config/presets.yaml").read_text()))
-        assert set(table["metric"]) <= set(accuracy.METRICS)
-        assert (table["error"] >= 0).all() and (table["cpu_s"] > 0).all()
+            study = config.variant(whole, preset)
+            poured = [parameters_of(one["packing"], one["effects"]) for one in (study, own)]
+            assert poured[0] == poured[1]
+            assert study["effects"] == own["effects"]
+            assert study["feedback"] == own["feedback"]
 
     def test_page_draws_what_is_there(self, root):
         """Half a sweep gives half a page; every setting on a front is named."""
         sweep = config.load_yaml(root / "config/cases/accuracy.yaml")["accuracy_sweep"]
         rows = repeats({"coarse": [0.2, 0.3], "fine": [0.05, 0.04]}, {"coarse": 1, "fine": 9})
-        rows = rows.assign(knob="together")
-        figure = accuracy_figure(accuracy.summarise(rows), sweep)
-        said = [t.get_text() for f in figure.subfigs for axis in f.axes for t in axis.texts]
+        figure = accuracy_figure(accuracy.summarise(rows.assign(knob="together")), sweep)
+        said = [text.get_text() for part in figure.subfigs for axis in part.axes for text in axis.texts]
         assert said == ["coarse", "fine"]

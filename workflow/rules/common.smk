@@ -15,7 +15,7 @@ HOUSE = Path(workflow.basedir)
 sys.path.insert(0, str(HOUSE / "src"))
 
 from grainfall import config as sheet
-from grainfall import provenance
+from grainfall import presets, provenance
 from grainfall.errors import InputError
 from grainfall.export import FORMATS
 from grainfall.report.texts import TEXTS
@@ -75,6 +75,15 @@ try:
     }
 except InputError as fault:
     raise WorkflowError(str(fault))
+
+ASKED = None
+if CONFIG["accuracy"]:
+    chosen = presets.choose(**CONFIG["accuracy"], table=presets.measured())
+    ASKED = {
+        **CONFIG["accuracy"],
+        "expected": chosen.error,
+        "words": f"{chosen.words} ({presets.SOURCE})",
+    }
 
 VARIANTS = {name: sheet.variant(CONFIG, name) for name in CONFIG["variants"]}
 REALIZATIONS = range(CONFIG["realizations"])

@@ -1,36 +1,21 @@
-"""What accuracy costs in time: settings held against the truth or the finest, and the cheapest that does.
+"""What accuracy costs in time: settings held against the truth or the finest.
 
 ``known`` tries settings of the analysis on volumes whose truth is known, ``observe`` holds one volume against
-another, ``table`` gathers errors and costs, finds the front between them and picks a preset from it.
+another, ``table`` gathers errors and costs and finds the front between them. What comes of it for the presets
+is in :mod:`grainfall.presets`.
 """
 
-from grainfall.accuracy.observe import METRICS, Metric, differences, observe
-from grainfall.accuracy.table import (
-    COLUMNS,
-    Choice,
-    choose,
-    committed,
-    front,
-    gather,
-    presets_of,
-    rounded,
-    summarise,
-    with_accuracy,
-)
+from grainfall.accuracy.observe import differences, from_tables, observe
+from grainfall.accuracy.table import COLUMNS, front, gather, presets_of, rounded, summarise
 
 __all__ = [
     "COLUMNS",
-    "METRICS",
-    "Choice",
-    "Metric",
-    "choose",
-    "committed",
     "differences",
+    "from_tables",
     "front",
     "gather",
     "observe",
     "presets_of",
     "rounded",
     "summarise",
-    "with_accuracy",
 ]

@@ -9,8 +9,8 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from grainfall.accuracy.observe import METRICS
 from grainfall.accuracy.table import PACKING, TWIN
+from grainfall.presets import METRICS
 from grainfall.report.figures import (
     FIRST,
     MINERALS,

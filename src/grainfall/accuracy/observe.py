@@ -3,32 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 from scipy import stats
 
 from grainfall import correlation, flow, network
-
-
-@dataclass(frozen=True)
-class Metric:
-    """What an error is of, and how it is expressed."""
-
-    label: str
-    error: str
-
-
-METRICS: dict[str, Metric] = {
-    "porosity": Metric("porosity", "difference"),
-    "grain_sizes": Metric("grain radii", "Wasserstein distance over the mean radius"),
-    "pore_sizes": Metric("pore radii", "Wasserstein distance over the mean radius"),
-    "s2": Metric("S₂", "largest difference"),
-    "coordination": Metric("coordination", "relative difference"),
-    "overlap": Metric("largest overlap", "share of the smaller radius"),
-    "k": Metric("permeability", "relative difference"),
-}
-"""Every metric whose error is measured, by its name in the config and in the table."""
 
 
 def observe(pore: np.ndarray, voxel_size_um: float) -> dict:
@@ -60,13 +40,34 @@ def observe(pore: np.ndarray, voxel_size_um: float) -> dict:
 
 def axial_s2(pore: np.ndarray, voxel_size_um: float) -> tuple[np.ndarray, np.ndarray]:
     """Lags (um) and S2 of the solid, mean of three axes."""
-    table = correlation.s2_volume(~pore, voxel_size_um)
+    table = correlation.s2_volume(~pore, voxel_size_um, radial=False)
     mean = table[table["axis"].isin(list("xyz"))].groupby("lag_um")["s2"].mean()
     return mean.index.to_numpy(), mean.to_numpy()
 
 
+def from_tables(s2: pd.DataFrame, flow: pd.DataFrame, method: str, sizes: Mapping) -> dict:
+    """The same of a volume that is measured already, all but its porosity.
+
+    Parameters
+    ----------
+    s2, flow : DataFrame
+        s2_volume.csv and flow.csv.
+    method : str
+        Whose permeability counts.
+    sizes : mapping
+        As :func:`grainfall.network.element_sizes` gives them.
+    """
+    mean = s2[s2["axis"].isin(list("xyz"))].groupby("lag_um")["s2"].mean()
+    return {
+        "k_md": flow.loc[flow["method"] == method, "k_md"].mean(),
+        "lag_um": mean.index.to_numpy(),
+        "s2": mean.to_numpy(),
+        "pore_radius_um": sizes["pore_radius_um"],
+    }
+
+
 def differences(found: Mapping, held: Mapping) -> dict[str, float]:
-    """How far one volume lies from another, by the names of :data:`METRICS`.
+    """How far one volume lies from another, by the names of :data:`grainfall.presets.METRICS`.
 
     Parameters
     ----------

@@ -1,24 +1,16 @@
-"""Errors and costs of settings in one table, the front between them, and the cheapest preset that will do."""
+"""Errors and costs of settings in one table, and the front between them."""
 
 from __future__ import annotations
 
-import difflib
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from grainfall import io
-from grainfall.accuracy.observe import METRICS, differences
-from grainfall.errors import InputError
+from grainfall.accuracy.observe import differences
 from grainfall.report.tables import read_costs, t_interval
-
-TABLE = files("grainfall.accuracy") / "presets.csv"
-SOURCE = "src/grainfall/accuracy/presets.csv, measured by make accuracy"
 
 PRESETS = "preset"
 """The knob whose settings are the presets."""
@@ -93,8 +85,8 @@ def summarise(repeats: pd.DataFrame) -> pd.DataFrame:
     """Error and cost of every setting over its repeats.
 
     A repeat draws the same numbers under every setting, so a difference is that of two settings in one
-    repeat, never of two means. The error of a setting is the mean size of its differences: what one run is off by.
-    Its bias is their mean with the sign left on: what no number of runs averages out.
+    repeat, never of two means. The error of a setting is the mean size of its differences: what one run is
+    off by. Its bias is their mean with the sign left on: what no number of runs averages out.
 
     Parameters
     ----------
@@ -151,132 +143,8 @@ def rounded(table: pd.DataFrame) -> pd.DataFrame:
     return table.map(lambda v: float(f"{v:.4g}") if isinstance(v, float) else v)
 
 
-# ---- which preset will do
-
-
 def presets_of(table: pd.DataFrame) -> pd.DataFrame:
     """The rows of :func:`summarise` that say what presets are worth, as they are committed."""
     rows = table[table["knob"] == PRESETS]
     kept = ["setting", "metric", "n", "error", "lower", "upper", *COSTS]
     return rows[kept].rename(columns={"setting": "preset"}).reset_index(drop=True)
-
-
-def committed() -> pd.DataFrame:
-    """What presets are worth, the table that comes with the package."""
-    with TABLE.open() as file:
-        return pd.read_csv(file)
-
-
-@dataclass(frozen=True)
-class Choice:
-    """A preset, and what it is expected to do.
-
-    Attributes
-    ----------
-    preset, metric : str
-    tolerance, error, upper : float
-        Asked for; mean error in the table, and the upper end of its 95 % interval.
-    n : int
-        Repeats behind it.
-    cpu_s : float
-        Of a twin in the table's scene.
-    """
-
-    preset: str
-    metric: str
-    tolerance: float
-    error: float
-    upper: float
-    n: int
-    cpu_s: float
-
-    @property
-    def words(self) -> str:
-        """The expectation, as a clause."""
-        label = METRICS[self.metric].label
-        return (
-            f"{label} within {self.tolerance:g} asked for: {self.preset} is the cheapest preset measured to "
-            f"hold that, off by {self.error:.2g} on average over {self.n} twins (95 % interval up to "
-            f"{self.upper:.2g})"
-        )
-
-
-def choose(metric: str, tolerance: float, table: pd.DataFrame, where: str = "config: accuracy") -> Choice:
-    """The cheapest preset whose error is measured to lie within a tolerance.
-
-    Measured means with the whole 95 % interval of the mean error: a preset with few repeats has a wide one.
-
-    Parameters
-    ----------
-    metric : str
-        One of those in the table.
-    tolerance : float
-        Largest error, as :data:`METRICS` expresses it.
-    table : DataFrame
-        As :func:`presets_of` gives it.
-    where : str
-        Name of the config key in messages.
-
-    Raises
-    ------
-    InputError
-        For a metric that the table does not hold, or a tolerance that no preset is measured to keep.
-    """
-    known = list(dict.fromkeys(table["metric"]))
-    if metric not in known:
-        near = difflib.get_close_matches(str(metric), known, n=1)
-        hint = f"did you mean '{near[0]}'?" if near else f"one of: {', '.join(known)}"
-        raise InputError(f"{where}.metric", f"unknown metric '{metric}'", hint)
-    rows = table[(table["metric"] == metric) & table["upper"].notna()].sort_values(["cpu_s", "upper"])
-    if rows.empty:
-        raise InputError(f"{where}.metric", f"no preset's error in {metric} has an interval yet", SOURCE)
-    held = rows[rows["upper"] <= tolerance]
-    if held.empty:
-        best = rows.loc[rows["upper"].idxmin()]
-        raise InputError(
-            f"{where}.tolerance",
-            f"no preset is measured to hold {metric} within {tolerance:g}",
-            f"at least {_up(best['upper'])}, the best measured ({best['preset']}: {best['error']:.2g} on "
-            f"average over {best['n']} twins; {SOURCE}), or name a preset yourself",
-        )
-    row = held.iloc[0]
-    return Choice(
-        row["preset"], metric, float(tolerance), float(row["error"]), float(row["upper"]), int(row["n"]),
-        float(row["cpu_s"]),
-    )  # fmt: skip
-
-
-def _up(value: float) -> str:
-    """Two significant digits, rounded up: the tolerance suggested must be one that is kept."""
-    step = 10.0 ** (math.floor(math.log10(value)) - 1)
-    return f"{math.ceil(value / step - 1e-9) * step:.2g}"
-
-
-def with_accuracy(config: Mapping, table: pd.DataFrame, where: str = "config") -> dict:
-    """The user's config with the preset that its ``accuracy`` calls for; as it is without.
-
-    Parameters
-    ----------
-    config : mapping
-        As the user wrote it.
-    table : DataFrame
-        As :func:`presets_of` gives it.
-
-    Raises
-    ------
-    InputError
-        As :func:`choose`, and where the config names a preset too.
-    """
-    asked = config.get("accuracy")
-    if not isinstance(asked, Mapping) or not {"metric", "tolerance"} <= set(asked):
-        return dict(config)  # the schema says what is wrong with it
-    if not isinstance(asked["tolerance"], int | float) or isinstance(asked["tolerance"], bool):
-        return dict(config)
-    chosen = choose(asked["metric"], asked["tolerance"], table, f"{where}: accuracy")
-    if config.get("preset", chosen.preset) != chosen.preset:
-        raise InputError(
-            f"{where}: preset",
-            f"'{config['preset']}' is named, and accuracy asks for '{chosen.preset}'",
-            "leave out one of the two",
-        )
-    return {**config, "preset": chosen.preset}
