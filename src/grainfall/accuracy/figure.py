@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from grainfall.accuracy.table import PACKING, TWIN
 from grainfall.presets import METRICS
@@ -95,6 +96,7 @@ def accuracy_figure(table: pd.DataFrame, sweep: Mapping) -> Figure:
         for axis, name in zip(axes.flat, panels, strict=False):
             draw(axis, found, name)
             axis.set_xscale("log")
+            _plain_ticks(axis.xaxis)
             axis.tick_params(labelsize=7)
         for axis in list(axes.flat)[len(panels) :]:
             axis.set_axis_off()
@@ -128,8 +130,11 @@ def _legend(part, panels: list[str], found: pd.DataFrame, draw) -> None:
     )
 
 
-def _points(axis, rows: pd.DataFrame, look, floor: float | None = None, label=None) -> None:
+def _points(axis, rows: pd.DataFrame, look, floor: float | None = None, label=None, line="#888888") -> None:
     """Markers with their intervals, filled on the front, and the front's steps."""
+    for cost in rows.loc[rows["error"].isna(), "cpu_s"]:  # of what the others are held against
+        axis.axvline(cost, color="#999999", lw=0.8, ls=":", zorder=0)
+    rows = rows[rows["error"].notna()]
     for row in rows.itertuples():
         colour, marker = look(row)
         low = row.lower if floor is None else max(row.lower, floor)
@@ -146,7 +151,7 @@ def _points(axis, rows: pd.DataFrame, look, floor: float | None = None, label=No
                 label(row), (row.cpu_s, row.error), (3, 3), textcoords="offset points", fontsize=5.5, zorder=4
             )
     chosen = rows[rows["front"]].sort_values("cpu_s")
-    axis.plot(chosen["cpu_s"], chosen["error"], drawstyle="steps-post", color="#888888", lw=0.9, zorder=2)
+    axis.plot(chosen["cpu_s"], chosen["error"], drawstyle="steps-post", color=line, lw=0.9, zorder=2)
 
 
 def _packing_panel(axis, table: pd.DataFrame, metric: str) -> None:
@@ -175,16 +180,26 @@ def _preset_panel(axis, table: pd.DataFrame, metric: str) -> None:
 
 
 def _known_panel(axis, table: pd.DataFrame, knob: str) -> None:
-    rows = table[(table["scene"] == knob) & (table["error"] > 0)]
+    rows = table[(table["scene"] == knob) & ~(table["error"] <= 0)]
     floor = 0.5 * rows["error"].min()
     for metric in _metrics(rows):
         own = rows[rows["metric"] == metric]
-        last = metric == _metrics(rows)[0]
-        _points(axis, own, lambda row, m=metric: METRIC_LOOKS[m], floor, _setting if last else None)
+        first = metric == _metrics(rows)[0]
+        look = METRIC_LOOKS[metric]
+        _points(axis, own, lambda row, look=look: look, floor, _setting if first else None, look[0])
     axis.set_yscale("log")
+    _plain_ticks(axis.yaxis)
     axis.set_ylim(floor, 2 * rows["error"].max())
     axis.set_title(TITLES[knob], fontsize=8)
     axis.set_ylabel("error", fontsize=7)
+
+
+def _plain_ticks(axis) -> None:
+    """1, 2 and 5 on a logarithmic axis, as plain numbers: the house's style reads no formulas."""
+    low, high = axis.get_view_interval()
+    axis.set_major_locator(LogLocator(subs=(1,) if high > 30 * low else (1, 2, 5), numticks=8))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def _setting(row) -> str:

@@ -307,11 +307,13 @@ def _cut(whole: np.ndarray, edge: int, corner: np.ndarray) -> np.ndarray:
 
 
 def _against(reference: str, found: dict[str, tuple[dict, Cost]]) -> Iterator[Trial]:
-    """Every setting but the reference against it."""
+    """Every setting against one of them, which has a cost and no error that could be told."""
     held = found[reference][0]
     for setting, (value, cost) in found.items():
-        errors = differences(value, held) if setting != reference else {}
-        yield Trial(setting, reference, errors, cost)
+        errors = differences(value, held)
+        yield Trial(
+            setting, reference, errors if setting != reference else dict.fromkeys(errors, np.nan), cost
+        )
 
 
 KNOBS: dict[str, Callable[..., Iterator[Trial]]] = {

@@ -46,6 +46,7 @@ def gather(results: str | Path, sweep: Mapping, samples: Sequence[str], jobs: Se
     """
     root = Path(results)
     pairs = [(knob, v, sweep["against"]) for knob, found in sweep["packing"].items() for v in found]
+    pairs.append((sweep["against"], sweep["against"], sweep["against"]))
     pairs += [("chance", setting, against) for setting, against in sweep["chance"].items()]
     rows: list[dict] = []
     for sample in samples:
@@ -78,6 +79,8 @@ def _paired(about: tuple, path: Path, held: Path, jobs: Sequence[str]) -> list[d
     spent = (costs["wall_s"].sum(), costs["cpu_s"].sum(), costs["peak_rss_mb"].max())
     repeat = f"{twin.parent.parent.name}/{twin.name}"
     errors = differences(io.read_json(path), io.read_json(held))
+    if path == held:  # nothing to tell its error by; but no overlap is right
+        errors = {name: error if name == "overlap" else np.nan for name, error in errors.items()}
     return [dict(zip(REPEATS, (*about, repeat, *error, *spent), strict=True)) for error in errors.items()]
 
 
@@ -97,26 +100,22 @@ def summarise(repeats: pd.DataFrame) -> pd.DataFrame:
     -------
     DataFrame
         Columns :data:`COLUMNS`, knobs and settings in the order of the repeats. Bounds are 95 % t-intervals,
-        not below 0 for an error, empty for a single repeat; costs are medians. ``front``: nothing in the same
-        scene, held against the same, is as cheap and as near and better in one (:func:`front`, CPU seconds).
+        not below 0 for an error, empty for a single repeat; costs are medians. What others are held against
+        has costs alone. ``front``: nothing in the same scene, held against the same, is as cheap and as near
+        and better in one (:func:`front`, CPU seconds).
     """
     rows = []
     keys = ["scene", "knob", "setting", "against", "metric"]
     for key, group in repeats.groupby(keys, sort=False):
-        values = group["difference"].to_numpy(float)
-        values = values[np.isfinite(values)]
-        if not len(values):
-            continue
-        error, lower, upper = t_interval(np.abs(values))[1:]
-        rows.append(
-            (
-                *(*key, len(values), error, np.maximum(lower, 0.0), upper, *t_interval(values)[1:]),
-                *(group[cost].median() for cost in COSTS),
-                False,
-            )
-        )
+        values = group["difference"].dropna().to_numpy(float)
+        error = bias = (np.nan,) * 3
+        if len(values):
+            error, bias = (t_interval(v)[1:] for v in (np.abs(values), values))
+        costs = (group[cost].median() for cost in COSTS)
+        rows.append((*key, len(group), error[0], np.maximum(error[1], 0.0), error[2], *bias, *costs, False))
     table = pd.DataFrame(rows, columns=list(COLUMNS))
     for _, group in table.groupby(["scene", "against", "metric"], sort=False):
+        group = group[group["error"].notna()]
         table.loc[group.index, "front"] = front(group["cpu_s"].to_numpy(), group["error"].to_numpy())
     return table
 
