@@ -76,7 +76,11 @@ def _paired(about: tuple, path: Path, held: Path, jobs: Sequence[str]) -> list[d
         return []
     written = [twin / f"benchmarks/{job}.tsv" for job in jobs]
     costs = read_costs(file for file in written if file.exists())
-    spent = (costs["wall_s"].sum(), costs["cpu_s"].sum(), costs["peak_rss_mb"].max())
+    spent = (
+        costs["wall_s"].sum(),
+        costs["cpu_s"].sum(skipna=False) if len(costs) else np.nan,
+        costs["peak_rss_mb"].max(),
+    )
     repeat = f"{twin.parent.parent.name}/{twin.name}"
     errors = differences(io.read_json(path), io.read_json(held))
     if path == held:  # nothing to tell its error by; but no overlap is right
