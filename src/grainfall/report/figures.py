@@ -18,6 +18,7 @@ from matplotlib.colors import to_rgb, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
+from matplotlib.ticker import EngFormatter
 from matplotlib.transforms import Affine2D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from skimage.measure import approximate_polygon, find_contours, regionprops
@@ -532,7 +533,9 @@ def forces_figure(
         right.stairs(density, edges, fill=True, color=to_rgba(TWIN, 0.35))
         right.stairs(density, edges, color=TWIN)
         right.set_yscale("log")
-        right.set_title(f"Mean {number(every.mean(), 2)} N, {number(len(every))} contacts")
+        right.yaxis.set_major_formatter("{x:g}")
+        force = EngFormatter("N", places=1)(every.mean())
+        right.set_title(f"{number(len(every))} contacts, mean {force}")
     right.set(xlabel="normal force over its mean", ylabel="density")
     return figure
 
@@ -548,24 +551,28 @@ def virtual_figure(table: pd.DataFrame, p_sp: float | None = None) -> Figure:
     p_sp : float, optional
         Share of virtual spheres among the bodies poured.
     """
-    edges = np.append(table["r_lo_um"].to_numpy(), table["r_hi_um"].iloc[-1])
+    fine = np.append(table["r_lo_um"].to_numpy(), table["r_hi_um"].iloc[-1])
+    # the common bins of two unfoldings are so many that their outlines hide what they hold
+    drawn = {}
+    for name in ("first", "target", "difference", "used"):
+        edges, drawn[name] = merged(fine, table[name].fillna(0).to_numpy(), 60)
     figure = Figure(figsize=(WIDTH, 3.1))
     left, right = figure.subplots(1, 2, sharex=True)
-    left.stairs(table["first"], edges, fill=True, color=to_rgba(FIRST, 0.5))
-    left.stairs(table["first"], edges, color="#1F6A99", ls=(0, (4, 1.5)), label="first packing")
-    left.stairs(table["target"], edges, color=SECTION, label="target: the section")
+    left.stairs(drawn["first"], edges, fill=True, color=to_rgba(FIRST, 0.5))
+    left.stairs(drawn["first"], edges, color="#1F6A99", ls=(0, (4, 1.5)), label="first packing")
+    left.stairs(drawn["target"], edges, color=SECTION, label="target: the section")
     left.set_title("Pore circles, unfolded")
     left.set_ylim(bottom=0)
     left.set_ylabel("density (1/µm)")
     right.axhline(0, color="black", lw=0.6)
     right.stairs(
-        table["difference"], edges, color=SECTION, ls=(0, (1, 1.2)), lw=1.3, label="target − first packing"
+        drawn["difference"], edges, color=SECTION, ls=(0, (1, 1.2)), lw=1.3, label="target − first packing"
     )
     right.set_title("Virtual spheres")
-    if table["used"].fillna(0).any():
-        right.stairs(table["used"], edges, fill=True, color=VIRTUAL, zorder=0)
+    if drawn["used"].any():
+        right.stairs(drawn["used"], edges, fill=True, color=VIRTUAL, zorder=0)
         share = "" if p_sp is None else f", {100 * p_sp:.3g} % of the bodies"
-        right.stairs(table["used"], edges, color="#6B6300", lw=1.2, label=f"used{share}", zorder=0.5)
+        right.stairs(drawn["used"], edges, color="#6B6300", lw=1.2, label=f"used{share}", zorder=0.5)
     else:
         right.text(0.5, 0.9, "none called for", ha="center", transform=right.transAxes, style="italic")
     for axes in (left, right):
@@ -669,9 +676,13 @@ def network_figure(
             continue
         # the last half per cent of a long tail would squeeze the rest
         last = np.quantile(np.concatenate(list(values.values())), 0.995)
-        edges = np.arange(-0.5, last + 1.5) if kind == "coordination" else np.linspace(0, last, 25)
+        if kind == "coordination":
+            edges = np.arange(-0.5, last + 1.5, np.ceil((last + 1) / 25))
+        else:
+            edges = np.linspace(0, last, 25)
+        width = 1 if kind == "coordination" else np.diff(edges)
         for name, sample in values.items():
-            density = np.histogram(sample, edges)[0] / len(sample) / np.diff(edges)
+            density = np.histogram(sample, edges)[0] / len(sample) / width
             if name == "twin":
                 axes.stairs(density, edges, fill=True, color=to_rgba(TWIN, 0.35))
                 axes.stairs(density, edges, color=TWIN)
