@@ -79,6 +79,7 @@ def accuracy_figure(table: pd.DataFrame, sweep: Mapping) -> Figure:
     Figure
         A panel a metric for the packing and for the presets, a panel a knob for the analysis.
     """
+    table = table[table["cpu_s"].notna()]
     packing, presets = (table[table["scene"] == scene] for scene in (PACKING, TWIN))
     known = [knob for knob in sweep["known"] if (table["scene"] == knob).any()]
     blocks = [

@@ -163,22 +163,31 @@ def flow_tier(settings: Sequence[str], rng: np.random.Generator, run: Run) -> It
 
 
 def network_method(settings: Sequence[str], rng: np.random.Generator, run: Run) -> Iterator[Trial]:
-    """Pore radii of regular spheres by each method, ``persistence_0.2`` with that threshold.
+    """Pore radii of regular spheres and K of a pack by each method; ``persistence_0.4`` with that threshold.
 
     The largest sphere between eight touching ones has (sqrt(3) - 1) of their radius.
     """
+    whole = pack(rng, 5, 12)
+    direct = {"k_md": flow.permeability(whole, 1.0, "direct").k_md.mean()}
     voxels, cells = 12.0, 4
     pore = spheres(voxels, cells, rng.uniform(-0.5, 0.5, 3))
     exact = {"pore_radius_um": [(np.sqrt(3) - 1) * voxels / 2]}
 
-    def radii(setting: str) -> dict:
+    for setting in settings:
         method, _, value = setting.partition("_")
         options = {"persistence": float(value)} if value else {}
-        return network.element_sizes(network.extract(pore, 1.0, method, **options))
 
-    for setting in settings:
-        found, cost = run(lambda s=setting: radii(s))
-        yield Trial(setting, "formula", differences(found, exact), cost)
+        def k(method: str = method, options: dict = options) -> dict:
+            if method == "persistence":
+                return {"k_md": flow.permeability(whole, 1.0, **options).k_md.mean()}
+            found = network.extract(whole, 1.0, method)
+            table = flow.permeability(whole, 1.0, conductance="pyramids", network=found)
+            return {"k_md": table.k_md.mean()}
+
+        found, cost = run(lambda m=method, o=options: network.extract(pore, 1.0, m, **o))
+        yield Trial(setting, "formula", differences(network.element_sizes(found), exact), cost)
+        found, cost = run(k)
+        yield Trial(setting, "direct", differences(found, direct), cost)
 
 
 def voxels_per_grain(settings: Sequence[str], rng: np.random.Generator, run: Run) -> Iterator[Trial]:
