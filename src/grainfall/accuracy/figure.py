@@ -126,6 +126,10 @@ def _legend(part, panels: list[str], found: pd.DataFrame, draw) -> None:
     ]
     handles.append(Line2D([], [], ls="-", lw=1, color="#888888", marker="o", ms=4.5, label="on the front"))
     handles.append(Line2D([], [], ls="", marker="o", ms=4.5, mfc="white", mec="#888888", label="dominated"))
+    if draw is _packing_panel:
+        handles.append(Line2D([], [], ls="--", lw=0.8, color="#999999", label="chance: the same again"))
+    if found["error"].isna().any():
+        handles.append(Line2D([], [], ls=":", lw=0.8, color="#999999", label="cost of the finest"))
     part.legend(
         handles=handles, loc="outside lower center", ncols=5, fontsize=7, handletextpad=0.2, columnspacing=1
     )
