@@ -677,7 +677,8 @@ def network_figure(
         # the last half per cent of a long tail would squeeze the rest
         last = np.quantile(np.concatenate(list(values.values())), 0.995)
         if kind == "coordination":
-            edges = np.arange(-0.5, last + 1.5, np.ceil((last + 1) / 25))
+            step = np.ceil((last + 1) / 25)
+            edges = np.arange(-0.5, last + 0.5 + step, step)
         else:
             edges = np.linspace(0, last, 25)
         width = 1 if kind == "coordination" else np.diff(edges)
