@@ -72,7 +72,7 @@ def measured() -> list[Choice]:
         return [
             Choice(
                 row["preset"], row["metric"], float(row["error"]), float(row["upper"] or "nan"),
-                int(row["n"]), float(row["cpu_s"]),
+                int(row["n"]), float(row["cpu_s"] or "nan"),
             )
             for row in csv.DictReader(file)
         ]  # fmt: skip
@@ -106,9 +106,9 @@ def choose(metric: str, tolerance: float, table: Sequence[Choice], where: str = 
         near = difflib.get_close_matches(str(metric), known, n=1)
         hint = f"did you mean '{near[0]}'?" if near else f"one of: {', '.join(known)}"
         raise InputError(f"{where}.metric", f"unknown metric '{metric}'", hint)
-    rows = [row for row in table if row.metric == metric and math.isfinite(row.upper)]
+    rows = [row for row in table if row.metric == metric and math.isfinite(row.upper + row.cpu_s)]
     if not rows:
-        raise InputError(f"{where}.metric", f"no preset's error in {metric} has an interval yet", SOURCE)
+        raise InputError(f"{where}.metric", f"no preset's error in {metric} has an interval and a cost yet", SOURCE)
     held = [row for row in rows if row.upper <= tolerance]
     if not held:
         best = min(rows, key=lambda row: row.upper)
