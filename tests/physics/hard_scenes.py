@@ -28,7 +28,7 @@ MOST_OVERLAP = 0.02
 """Of the smaller radius, collision shapes."""
 
 MOST_ENERGY = 0.01
-"""Most of the energy poured in that may come back once it has been dissipated."""
+"""Most of the energy poured in that may come back once it has been dissipated, unless a scene has its own."""
 
 
 def scenes(size: str) -> list[dict]:
@@ -44,7 +44,7 @@ def engines(scene: dict) -> tuple[str, ...]:
 
 def run(scene: dict, engine: str) -> dict:
     """Run a scene in an engine: a row of :data:`COLUMNS`, with ``why``: what refused it or what it broke."""
-    audit = Audit(scene.get("steps", 0))
+    audit = Audit(scene.get("steps", 0), scene.get("energy", MOST_ENERGY))
     began = time.perf_counter()
     figures, faults = {}, []
     try:
@@ -91,6 +91,8 @@ class Audit:
     ----------
     budget : int
         Steps allowed.
+    most : float
+        Excess allowed.
     steps : int
         Steps taken.
     excess : float
@@ -98,6 +100,7 @@ class Audit:
     """
 
     budget: int
+    most: float = MOST_ENERGY
     steps: int = 0
     excess: float = 0.0
     finite: bool = True
@@ -112,7 +115,7 @@ class Audit:
     def faults(self) -> list[str]:
         """The invariants broken, in words."""
         found = [] if self.finite else ["positions or speeds that are not finite"]
-        if self.excess > MOST_ENERGY:
+        if self.excess > self.most:
             found.append(f"energy rose by {self.excess:.2g} of what was poured in")
         return found
 

@@ -75,6 +75,13 @@ def test_any_feasible_scene_keeps_the_invariants(
         "region": [2.5, 2.5, 1],
         "margin": 0.25,
         "steps": 20000,
+        # now and then PhysX throws a small grain out from between large ones: 0.07 in one of 23 scenes drawn
+        "energy": 0.2,
     }
     row = hard_scenes.run(scene, engine)
-    assert row["verdict"] == "works", row["why"]
+    if row["verdict"] == "refused":
+        assert (shapes, row["steps"]) == ("plates", 0)
+        assert ratio > 3
+        assert "does not fit" in row["why"]
+    else:
+        assert row["verdict"] == "works", row["why"]
