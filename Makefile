@@ -10,7 +10,7 @@ BEREA ?= $(wildcard ../shared/data/berea/berea_400_pore1.tif)
 export BEREA
 CASES := stereology virtual_spheres virtual_spheres_deep berea xct cv_sweep
 
-.PHONY: demo test lint format docs cases validation accuracy accuracy-presets thin-section engines report bench-costs bench-stereology bench-segmentation bench-engines bench-creep bench-packing bench-decomposition bench-network bench-permeability hard-cases faults verify clean
+.PHONY: demo test lint format docs cases validation accuracy accuracy-presets thin-section engines report bench-costs bench-stereology bench-segmentation bench-engines bench-creep bench-packing bench-decomposition bench-network bench-permeability paper-scale hard-cases faults verify clean
 
 demo: $(VENV)/.ready  ## the embedded demo, to results/summary.csv and results/report.html
 	$(SNAKEMAKE)
@@ -109,6 +109,9 @@ bench-network: $(VENV)/.ready  ## time, memory and topology of network extractio
 
 bench-permeability: $(VENV)/.ready
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/benchmarks/permeability.py --out results/benchmarks/permeability.csv
+
+paper-scale: $(VENV)/.ready  ## 1000^3 voxels from section to report, and smaller ones; some: make paper-scale EDGES="125 250"
+	$(BIN)/python tests/benchmarks/paper_scale.py $(if $(EDGES),--edges $(EDGES)) $(if $(filter-out all,$(CORES)),--cores $(CORES))
 
 hard-cases: $(VENV)/.ready  ## hard scenes in both engines against the verdicts written down before
 	$(BIN)/python tests/benchmarks/hard_cases.py --out results/benchmarks/hard_cases.csv

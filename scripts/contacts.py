@@ -5,10 +5,9 @@ from _stage import stage
 
 from grainfall import contacts, grains, io, packing
 
-with stage(snakemake) as progress:
+with stage(snakemake) as progress, io.open_volume(snakemake.input.twin, "body") as (volume, attributes):
     library = grains.Library.load(snakemake.input.library)
     bodies = io.read_table(snakemake.input.bodies)
-    volume, attributes = io.read_volume(snakemake.input.twin, "body")
     voxel = attributes["voxel_size_um"]
     size = tuple(np.array(volume.shape[::-1]) * voxel)
     settings = snakemake.params.settings

@@ -10,10 +10,12 @@ extraction, conductance = settings["network"], settings["flow"]["conductance"]
 
 with stage(snakemake) as progress:
     phase, attributes = io.read_volume(snakemake.input.volume, "phase")
+    pore = phase == 0
+    del phase
     found = network.load(snakemake.input.pores, snakemake.input.throats)
     tables = [
         flow.permeability(
-            phase == 0,
+            pore,
             attributes["voxel_size_um"],
             method,
             conductance="pyramids" if extraction["method"] == "snow2" else conductance,

@@ -1,14 +1,18 @@
 """Grains and pore circles on slices of the twin, measured as on the section."""
 
+from functools import partial
+
 from _stage import stage
 
 from grainfall import io, morphology, random, volume
 
-with stage(snakemake):
-    phase, attributes = io.read_volume(snakemake.input.twin, "phase")
-    outlined = io.read_json(snakemake.input.summary)["outlined"]
-    body, _ = io.read_volume(snakemake.input.twin, "body")
-    phase = volume.as_minerals(phase, body, io.read_table(snakemake.input.bodies))
+twin = snakemake.input.twin
+
+with (
+    stage(snakemake),
+    io.open_volume(twin, "phase") as (phase, attributes),
+    io.open_volume(twin, "body") as (body, _),
+):
     grains, pores = morphology.measure_slices(
         phase,
         attributes["voxel_size_um"],
@@ -17,7 +21,9 @@ with stage(snakemake):
             phase.shape,
             snakemake.params.settings["correlation"]["slices"],
         ),
-        body=body if outlined else None,
+        body=body,
+        outlined=io.read_json(snakemake.input.summary)["outlined"],
+        shown=partial(volume.as_minerals, bodies=io.read_table(snakemake.input.bodies)),
         **snakemake.params.settings["morphology"],
     )
     io.write_table(snakemake.output.grains, grains)

@@ -4,7 +4,7 @@ from _stage import stage
 
 from grainfall import correlation, io, network, random, report
 
-with stage(snakemake) as progress:
+with stage(snakemake) as progress, io.open_volume(snakemake.input.twin, "phase") as (phase, _):
     files, settings = snakemake.input, snakemake.params.settings
 
     def table(name):
@@ -25,7 +25,6 @@ with stage(snakemake) as progress:
         return report.accuracy_values(asked, accuracy.differences(found, held))
 
     scene = io.read_json(files.scene)
-    phase, _ = io.read_volume(files.twin, "phase")
     section, _ = io.read_volume(files.labels, "phase")
     method = settings["flow"]["methods"][0]
     reference = None

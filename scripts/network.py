@@ -6,5 +6,7 @@ from grainfall import io, network
 
 with stage(snakemake) as progress:
     phase, attributes = io.read_volume(snakemake.input.volume)
-    found = network.extract(phase == 0, attributes["voxel_size_um"], **snakemake.params.settings["network"])
+    pore = phase == 0
+    del phase
+    found = network.extract(pore, attributes["voxel_size_um"], **snakemake.params.settings["network"])
     network.save(found, snakemake.output.pores, snakemake.output.throats)

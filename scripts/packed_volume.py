@@ -6,15 +6,19 @@ from grainfall import grains, io, volume
 
 with stage(snakemake) as progress:
     scene = io.read_json(snakemake.input.scene)
-    phase, _ = volume.voxelise(
+    slabs = volume.voxelise_slabs(
         io.read_table(snakemake.input.bodies),
         grains.Library.load(snakemake.input.library),
         scene["shape_zyx"],
         scene["voxel_size_um"],
+        slab=io.CHUNK,
     )
-    io.write_volume(
+    with io.create_volume(
         snakemake.output.volume,
-        {"phase": phase},
+        tuple(scene["shape_zyx"]),
+        {"phase": "uint8"},
         scene["voxel_size_um"],
         {"phases": scene["phases"], "seed": snakemake.params.stream["seed"], "virtual_label": volume.VIRTUAL},
-    )
+    ) as packed:
+        for z, phase, _ in slabs:
+            packed["phase"][z : z + len(phase)] = phase

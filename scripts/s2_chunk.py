@@ -4,8 +4,7 @@ from _stage import stage
 
 from grainfall import correlation, io, random
 
-with stage(snakemake):
-    phase, attributes = io.read_volume(snakemake.input.volume)
+with stage(snakemake), io.open_volume(snakemake.input.volume) as (phase, attributes):
     chunk, chunks = map(int, snakemake.wildcards.scatteritem.split("-of-"))
     n = snakemake.params.settings["correlation"]["slices"]
     drawn = random.slices(

@@ -1,12 +1,14 @@
 """The section's S2 against slices of all realizations: cloud and global envelope."""
 
+from contextlib import ExitStack
+
 from _stage import stage
 
 from grainfall import correlation, io, random
 
-with stage(snakemake) as progress:
+with stage(snakemake) as progress, ExitStack() as opened:
     section, pixel = io.read_volume(snakemake.input.labels, "phase")
-    twins = [io.read_volume(path, "phase") for path in snakemake.input.twins]
+    twins = [opened.enter_context(io.open_volume(path, "phase")) for path in snakemake.input.twins]
     table, test = correlation.compare_section(
         section > 0,
         pixel["voxel_size_um"],

@@ -6,4 +6,4 @@ from grainfall import correlation, io
 
 with stage(snakemake):
     phase, attributes = io.read_volume(snakemake.input.volume)
-    io.write_table(snakemake.output.s2, correlation.s2_volume(phase > 0, attributes["voxel_size_um"]))
+    io.write_table(snakemake.output.s2, correlation.s2_volume(phase, attributes["voxel_size_um"]))

@@ -34,9 +34,9 @@ with stage(snakemake) as progress, checkpoints(snakemake) as folder:
         )
 
     def porosity_of(bodies):
-        phase, _ = volume.voxelise(bodies, library, scene["shape_zyx"], scene["voxel_size_um"])
-        progress.say(f"porosity {volume.porosity(phase):.4f}, target {scene['porosity_target']:.4f}")
-        return volume.porosity(phase)
+        porosity = volume.packed_porosity(bodies, library, scene["shape_zyx"], scene["voxel_size_um"])
+        progress.say(f"porosity {porosity:.4f}, target {scene['porosity_target']:.4f}")
+        return porosity
 
     bodies, report = packing.pack_again(
         io.read_json(files.deficit),

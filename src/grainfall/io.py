@@ -182,8 +182,41 @@ def write_volume(
     -----
     Entries are stored in sorted order with a fixed date, so equal content gives equal bytes.
     """
-    first, array = next(iter(arrays.items()))
-    axes = ["z", "y", "x"][-array.ndim :]
+    shape = next(iter(arrays.values())).shape
+    for name, data in arrays.items():
+        if data.shape != shape:
+            raise ValueError(f"{name} has shape {data.shape}, {next(iter(arrays))} has {shape}")
+    kinds = {name: data.dtype for name, data in arrays.items()}
+    with create_volume(path, shape, kinds, voxel_size_um, attributes) as target:
+        for name, data in arrays.items():
+            target[name][...] = data
+
+
+@contextmanager
+def create_volume(
+    path: str | Path,
+    shape: tuple[int, ...],
+    kinds: Mapping[str, np.dtype],
+    voxel_size_um: float,
+    attributes: Mapping[str, object] | None = None,
+) -> Iterator[dict[str, zarr.Array]]:
+    """As :func:`write_volume`, slab by slab, where the whole volume should not be held at once.
+
+    Parameters
+    ----------
+    path, voxel_size_um, attributes
+        As there.
+    shape : (ny, nx) or (nz, ny, nx)
+    kinds : mapping of str to dtype
+        Of the arrays, by name.
+
+    Yields
+    ------
+    dict of str to zarr.Array
+        To be filled, best by slabs of :data:`CHUNK` planes; the file is there when the block ends. Until then
+        chunks are kept as they are stored, compressed.
+    """
+    first, axes = next(iter(kinds)), ["z", "y", "x"][-len(shape) :]
     ome = {
         "version": "0.5",
         "multiscales": [
@@ -194,7 +227,7 @@ def write_volume(
                     {
                         "path": first,
                         "coordinateTransformations": [
-                            {"type": "scale", "scale": [float(voxel_size_um)] * array.ndim}
+                            {"type": "scale", "scale": [float(voxel_size_um)] * len(shape)}
                         ],
                     }
                 ],
@@ -211,14 +244,11 @@ def write_volume(
             **(attributes or {}),
         }
     )
-    for name, data in arrays.items():
-        if data.shape != array.shape:
-            raise ValueError(f"{name} has shape {data.shape}, {first} has {array.shape}")
-        chunks = tuple(min(CHUNK, n) for n in data.shape)
-        target = group.create_array(
-            name, shape=data.shape, dtype=data.dtype, chunks=chunks, dimension_names=axes
-        )
-        target[...] = data
+    chunks = tuple(min(CHUNK, n) for n in shape)
+    yield {
+        name: group.create_array(name, shape=shape, dtype=kind, chunks=chunks, dimension_names=axes)
+        for name, kind in kinds.items()
+    }
     with atomic_path(path) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_STORED) as archive:
         for key in sorted(store):
             archive.writestr(zipfile.ZipInfo(key, ZIP_EPOCH), store[key].to_bytes())
@@ -244,14 +274,45 @@ def read_volume(path: str | Path, name: str | None = None) -> tuple[np.ndarray, 
     InputError
         When the file is missing, truncated or holds no such array.
     """
+    with open_volume(path, name) as (array, attributes):
+        return array[...], attributes
+
+
+@contextmanager
+def open_volume(path: str | Path, name: str | None = None) -> Iterator[tuple[Volume, dict]]:
+    """As :func:`read_volume`, for those who want a few planes or one slab after the other.
+
+    Yields
+    ------
+    array : Volume
+        Read where it is indexed.
+    attributes : dict
+    """
     with _reading(path, "volume"):
         store = zarr.storage.ZipStore(path, mode="r")
         group = zarr.open_group(store, mode="r")
         attributes = dict(group.attrs)
-        name = name or attributes["ome"]["multiscales"][0]["datasets"][0]["path"]
-        array = group[name][...]
+        array = group[name or attributes["ome"]["multiscales"][0]["datasets"][0]["path"]]
+    try:
+        yield Volume(path, array), attributes
+    finally:
         store.close()
-    return array, attributes
+
+
+class Volume:
+    """An array in a volume file: read where it is indexed, with one line for a file that is damaged there."""
+
+    def __init__(self, path: str | Path, array: zarr.Array):
+        self._path, self._array = path, array
+        self.shape, self.dtype, self.ndim = array.shape, array.dtype, array.ndim
+        self.size = math.prod(self.shape)
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __getitem__(self, index) -> np.ndarray:
+        with _reading(self._path, "volume"):
+            return np.asarray(self._array[index])
 
 
 @contextmanager

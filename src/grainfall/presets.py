@@ -108,7 +108,7 @@ def choose(metric: str, tolerance: float, table: Sequence[Choice], where: str = 
         raise InputError(f"{where}.metric", f"unknown metric '{metric}'", hint)
     rows = [row for row in table if row.metric == metric and math.isfinite(row.upper + row.cpu_s)]
     if not rows:
-        raise InputError(f"{where}.metric", f"no preset's error in {metric} has an interval and a cost yet", SOURCE)
+        raise InputError(f"{where}.metric", f"no preset's {metric} has an interval and a cost yet", SOURCE)
     held = [row for row in rows if row.upper <= tolerance]
     if not held:
         best = min(rows, key=lambda row: row.upper)

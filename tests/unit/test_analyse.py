@@ -52,3 +52,17 @@ def test_summary_counts_every_pixel(balls):
     assert summary["porosity"] == pytest.approx((phase == 0).mean())
     assert sum(summary["fractions"]) == pytest.approx(1)
     assert summary["n_grains"] == 4
+
+
+def test_slices_are_measured_as_they_are_shown(balls):
+    """What a section would show of a slice, by the slice's bodies; outlined or not."""
+    phase, body = balls
+
+    def swapped(plane, owner):
+        assert plane.shape == owner.shape
+        return np.where(owner > 0, 3 - plane, plane).astype(np.uint8)
+
+    plain, _ = morphology.measure_slices(phase, 1.0, [(0, 30)])
+    grains, _ = morphology.measure_slices(phase, 1.0, [(0, 30)], body=body, outlined=False, shown=swapped)
+    assert (grains.phase == 3 - plain.phase).all()
+    assert (grains.r_um == plain.r_um).all()

@@ -124,7 +124,8 @@ def test_slabs_do_not_show():
 
     body = np.zeros((40, 12, 12), np.int32)
     body[5, 6, 6], body[20, 2, 2], body[33, 9, 9] = 1, 2, 3
-    np.testing.assert_array_equal(_nearest(body, 40, slab=7), _nearest(body, 40, slab=64))
+    slabs = [_nearest(body, 40, z, min(z + 7, 40)) for z in range(0, 40, 7)]
+    np.testing.assert_array_equal(np.concatenate(slabs), _nearest(body, 40, 0, 40))
 
 
 # ---- from the packing to the twin
@@ -141,9 +142,12 @@ NEEDED = {"called_for": True, "on": True}
 
 def finished(target, densification=NEEDED, **switches):
     scene = {**SCENE, "porosity_target": target}
-    return volume.finish(
-        lattice()[0], LIBRARY, scene, densification, {"position_scaling": "auto", "cement": "auto"} | switches
+    switches = {"position_scaling": "auto", "cement": "auto"} | switches
+    bodies, slabs, *reports = volume.finish(lattice()[0], LIBRARY, scene, densification, switches)
+    _, phase, body = (
+        np.concatenate(parts) if i else parts for i, parts in enumerate(zip(*slabs, strict=True))
     )
+    return bodies, phase, body, *reports
 
 
 PLAIN = 1 - 4 / 3 * np.pi * 10**3 / 32**3

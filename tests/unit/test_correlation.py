@@ -89,6 +89,15 @@ def spheres(xyz, radius):
     return table.assign(id=np.arange(len(table)))
 
 
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.booleans(), st.integers(0, 6), st.integers(1, 2))
+def test_blocks_and_threads_do_not_show(seed, periodic, size, threads):
+    volume = np.random.default_rng(seed).random((13, 9, 11)) < 0.6
+    whole = c.s2_volume(volume, 1.0, periodic=periodic)
+    parts = c.s2_volume(volume, 1.0, periodic=periodic, threads=threads, block_bytes=10**size)
+    pd.testing.assert_frame_equal(parts, whole, check_exact=True)
+
+
 def test_sphere_array_has_its_surface_and_its_curve():
     """Array of spheres: S2'(0) = -S_v / 4, and S2 = phi (1 - 3r/4R + r^3/16R^3) until images meet."""
     n, radius = 96, 30.0

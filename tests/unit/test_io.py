@@ -44,6 +44,27 @@ def test_equal_content_gives_equal_bytes_at_any_time(tmp_path, volume):
     assert (tmp_path / "a.zarr.zip").read_bytes() == (tmp_path / "b.zarr.zip").read_bytes()
 
 
+def test_slabs_give_the_bytes_of_the_whole_and_are_read_as_it(tmp_path, monkeypatch):
+    monkeypatch.setattr(io, "CHUNK", 4)
+    body = np.random.default_rng(1).integers(0, 9, (10, 6, 5)).astype(np.int32)
+    arrays = {"phase": (body > 0).astype(np.uint8), "body": body}
+    io.write_volume(tmp_path / "whole.zarr.zip", arrays, 1.5, {"seed": 7})
+    kinds = {"phase": "uint8", "body": "int32"}
+    with io.create_volume(tmp_path / "slabs.zarr.zip", body.shape, kinds, 1.5, {"seed": 7}) as target:
+        for z in range(0, 10, 4):
+            for name, array in arrays.items():
+                target[name][z : z + 4] = array[z : z + 4]
+    assert (tmp_path / "slabs.zarr.zip").read_bytes() == (tmp_path / "whole.zarr.zip").read_bytes()
+    with io.open_volume(tmp_path / "whole.zarr.zip", "body") as (opened, attributes):
+        assert (opened.shape, opened.dtype, len(opened)) == (body.shape, body.dtype, 10)
+        np.testing.assert_array_equal(opened[3:7], body[3:7])
+        np.testing.assert_array_equal(opened[:, 2], body[:, 2])
+        assert attributes["voxel_size_um"] == 1.5
+    with pytest.raises(RuntimeError), io.create_volume(tmp_path / "half.zarr.zip", (2, 2), {"a": "u1"}, 1.0):
+        raise RuntimeError
+    assert not (tmp_path / "half.zarr.zip").exists()
+
+
 def test_failed_write_keeps_the_old_file_and_no_litter(tmp_path):
     path = tmp_path / "t.csv"
     io.write_text(path, "old")

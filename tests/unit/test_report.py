@@ -3,6 +3,7 @@
 import html.parser
 import itertools
 import re
+import runpy
 import shutil
 from pathlib import Path
 
@@ -740,3 +741,33 @@ def test_browser_turns_the_view_by_mouse_and_by_keyboard(opened):
         look()
     assert len({pictures[-3], pictures[-2]}) == 2
     assert complaints == []
+
+
+def test_growth_of_a_run_from_the_benchmark_files_of_its_jobs(root, tmp_path):
+    """A start-up and a share per voxel is told from a power; scattered jobs and figures count as one rule."""
+    bench = runpy.run_path(str(root / "tests" / "benchmarks" / "paper_scale.py"))
+
+    def took(rule, n):
+        return {"network": 2 + 1e-6 * n**3, "s2_slices": 1e-6 * n**3.5 / 2, "figure": 3.0}[rule]
+
+    for n in (125, 250):
+        twin = tmp_path / f"{n}/results/rock/full/0"
+        (twin / "benchmarks").mkdir(parents=True)
+        (tmp_path / f"{n}/results/report.html").write_text("")
+        io.write_json(twin.parent / "scene.json", {"shape_zyx": [n, n, n]})
+        for job in ("network", "s2_slices_1-of-2", "s2_slices_2-of-2", "figure_block"):
+            cpu = took(re.sub("_[0-9]-of-2|_block", "", job), n)
+            (twin / f"benchmarks/{job}.tsv").write_text(
+                f"s\tmax_rss\tcpu_time\n{2 * cpu}\t{100 * cpu}\t{cpu}\n"
+            )
+    table = bench["gather"](tmp_path)
+    assert list(table) == ["rule", "n", "wall_s", "cpu_s", "peak_rss_mb"]
+    rows = table.set_index(["rule", "n"])
+    assert rows.loc[("s2_slices", 250), "cpu_s"] == pytest.approx(1e-6 * 250**3.5)
+    assert rows.loc[("total", 125), "wall_s"] == pytest.approx(2 * (5 + 1e-6 * 125**3 + 1e-6 * 125**3.5))
+    grown = bench["growth"](table).set_index("rule")
+    assert grown.loc["s2_slices", "cpu_exponent"] == pytest.approx(3.5)
+    assert 3600 * grown.loc["s2_slices", "cpu_h_4000"] == pytest.approx(1e-6 * 4000**3.5)
+    assert 3600 * grown.loc["network", "cpu_h_2000"] == pytest.approx(2 + 1e-6 * 2000**3)
+    assert 3600 * grown.loc["figure", "cpu_h_4000"] == pytest.approx(3)
+    assert grown.loc["total", "memory_gb_2000"] == grown["memory_gb_2000"].iloc[:-1].max()

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from skimage import measure
 
 from grainfall import volume
+from grainfall.volume import measures
 
 
 def library_of(*meshes, normalise=True):
@@ -247,6 +248,27 @@ def test_contact_of_rotated_blocks_has_true_area_normal_and_position():
         normal = Rotation.from_quat(np.roll(q, -1)).apply([1.0, 0, 0])
         assert np.dot(row[["nx", "ny", "nz"]].to_numpy(float), normal) > 0.9995
         np.testing.assert_allclose(row[["x", "y", "z"]].to_numpy(float), xyz, atol=h)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 8))
+def test_slabs_are_described_as_the_whole(seed, slab):
+    body = np.random.default_rng(seed).integers(0, 5, (7, 5, 6)).astype(np.int32)
+    whole = volume.adjacent_pairs(body, 2.0)
+    found = volume.describe((body[z : z + slab] for z in range(0, 7, slab)), 2.0)
+    assert found == {
+        "porosity": volume.porosity(body),
+        "euler": volume.euler_number(body == 0),
+        "contacts": len(whole),
+        "contact_area_um2": whole["area_um2"].sum(),
+    }
+
+
+def test_pairs_are_the_same_in_slabs(monkeypatch):
+    body = np.random.default_rng(9).integers(0, 4, (9, 6, 5)).astype(np.int32)
+    whole = volume.adjacent_pairs(body, 0.5)
+    monkeypatch.setattr(measures, "SLAB", 2)
+    pd.testing.assert_frame_equal(volume.adjacent_pairs(body, 0.5), whole, check_exact=True)
 
 
 @settings(max_examples=25, deadline=None)

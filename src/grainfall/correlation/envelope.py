@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import rankdata
 
 
 def fraction_inside(observed: np.ndarray, cloud: np.ndarray) -> float:
@@ -44,6 +43,8 @@ def global_envelope(observed: np.ndarray, curves: np.ndarray, alpha: float = 0.0
         p; lower, upper (m,), the envelope, which the observed leaves exactly when p <= alpha (in the
         absence of ties); mean (m,) of the curves; alpha; n.
     """
+    from scipy.stats import rankdata  # half a second that a job without an envelope need not spend
+
     observed, curves = np.asarray(observed, float), np.asarray(curves, float)
     every = np.vstack([observed, curves])
     total = len(every)

@@ -15,8 +15,9 @@ from scipy import fft
 
 AXES = ("z", "y", "x")
 LINES_AT_ONCE = 4096
-RADIAL_POINTS = 2**26
-"""Largest padded volume for which the radial average is taken: it needs some 30 bytes a point."""
+
+BLOCK_BYTES = 2**32
+"""Memory in which the lags of all directions are found, the volume itself and their spectrum aside."""
 
 
 def s2_along(
@@ -116,6 +117,8 @@ def s2_volume(
     *,
     periodic: bool = False,
     radial: bool = True,
+    threads: int = 1,
+    block_bytes: int = BLOCK_BYTES,
 ) -> pd.DataFrame:
     """S2 of a volume along x, y and z, and its average over directions.
 
@@ -129,8 +132,11 @@ def s2_volume(
     periodic : bool
         Whether the medium repeats beyond its border.
     radial : bool
-        Whether to average over all directions too, up to half of ``max_lag``; left out where the padded
-        volume exceeds ``RADIAL_POINTS``.
+        Whether to average over all directions too, up to half of ``max_lag``.
+    threads : int
+        Of the transforms; changes time, never the result.
+    block_bytes : int
+        Memory for the average over all directions; changes time, never the result.
 
     Returns
     -------
@@ -139,15 +145,14 @@ def s2_volume(
         pairs in a shell one voxel thick.
     """
     max_lag = min(volume.shape) // 2 if max_lag is None else max_lag
-    solid = np.asarray(volume) != 0
-    curves = {
-        name: (np.arange(max_lag + 1.0), s2_along(solid, AXES.index(name), max_lag, periodic=periodic))
-        for name in "xyz"
-    }
-    reach = max_lag // 2
-    padded = solid.shape if periodic else [fft.next_fast_len(n + reach, real=True) for n in solid.shape]
-    if radial and np.prod(padded, dtype=float) <= RADIAL_POINTS:
-        curves["r"] = _radial(solid, reach, tuple(padded), periodic)
+    solid = np.asarray(volume)
+    with fft.set_workers(threads):
+        curves = {
+            name: (np.arange(max_lag + 1.0), s2_along(solid, AXES.index(name), max_lag, periodic=periodic))
+            for name in "xyz"
+        }
+        if radial:
+            curves["r"] = _radial(solid, max_lag // 2, periodic, block_bytes)
     return pd.concat(
         [
             pd.DataFrame({"axis": name, "lag_um": lag * voxel_size_um, "s2": s2})
@@ -209,27 +214,56 @@ def _pairs_along(
     return counts, fits * (indicator.size // n)
 
 
-def _radial(
-    solid: np.ndarray, reach: int, padded: tuple[int, ...], periodic: bool
-) -> tuple[np.ndarray, np.ndarray]:
+def _radial(solid: np.ndarray, reach: int, periodic: bool, block_bytes: int) -> tuple[np.ndarray, np.ndarray]:
     """S2 pooled over lag vectors in shells |r| = 0, 1, ... reach (each half a voxel to either side)."""
-    spectrum = fft.rfftn(solid.astype(float), padded)
-    np.square(spectrum.real, out=spectrum.real)
-    spectrum.real += np.square(spectrum.imag)
-    spectrum.imag = 0.0
-    counts = fft.irfftn(spectrum, padded, overwrite_x=True)
-    del spectrum
+    spectrum, size = _lag_spectrum(solid, reach, periodic, block_bytes)
     offsets = np.arange(-reach, reach + 1)
     fits = [np.full(len(offsets), n) if periodic else n - np.abs(offsets) for n in solid.shape]
     plane_fits = np.outer(fits[1], fits[2]).astype(float)
     found, pairs, distance = np.zeros((3, reach + 1))
     for dz in range(reach + 1):
+        counts = np.rint(fft.irfft(spectrum[dz], size, axis=-1)[:, offsets])
         r = np.sqrt(dz**2 + offsets[:, None] ** 2 + offsets[None, :] ** 2)
         shell = np.rint(r).astype(int).ravel()
         inside = shell <= reach
         twice = 2.0 if dz else 1.0  # the lag -r has the pairs of r
         fit = (twice * fits[0][reach + dz] * plane_fits).ravel()
-        count = twice * np.rint(counts[dz][np.ix_(offsets, offsets)]).ravel()
-        for total, weight in ((found, count), (pairs, fit), (distance, fit * r.ravel())):
+        for total, weight in ((found, twice * counts.ravel()), (pairs, fit), (distance, fit * r.ravel())):
             total += np.bincount(shell[inside], weight[inside], reach + 1)
     return distance / pairs, found / pairs
+
+
+def _lag_spectrum(solid: np.ndarray, reach: int, periodic: bool, block_bytes: int) -> tuple[np.ndarray, int]:
+    """Pairs by lag along z (0 ... reach) and y (-reach ... reach), transformed along x, and the padded x.
+
+    The frequencies along x have nothing to do with each other: a block of them at a time is transformed
+    along y and z, multiplied with itself, and only the lags wanted are kept on the way back. What the padding
+    of y and z takes is never there for all of the volume.
+    """
+    nz, ny, _ = solid.shape
+    size = solid.shape if periodic else [fft.next_fast_len(n + reach, real=True) for n in solid.shape]
+    kept = np.arange(-reach, reach + 1)
+    frequencies = size[2] // 2 + 1
+    spectrum = np.empty((reach + 1, len(kept), frequencies), complex)
+    # of a frequency: the planes padded in y, twice where that is being done
+    width = max(1, min(frequencies, block_bytes // (16 * 2 * nz * size[1])))
+    planes = max(1, LINES_AT_ONCE // ny)
+    rows = max(1, block_bytes // (16 * 8 * size[0] * width))
+    for k in range(0, frequencies, width):
+        block = slice(k, min(k + width, frequencies))
+        along_x = np.empty((nz, ny, block.stop - k), complex)
+        for z in range(0, nz, planes):
+            lines = (solid[z : z + planes] != 0).astype(float)
+            along_x[z : z + planes] = fft.rfft(lines, size[2], axis=-1)[..., block]
+        along_y = fft.fft(along_x, size[1], axis=1)
+        del along_x
+        lags = np.empty((reach + 1, size[1], block.stop - k), complex)
+        for y in range(0, size[1], rows):
+            power = fft.fft(along_y[:, y : y + rows], size[0], axis=0)
+            np.square(power.real, out=power.real)
+            power.real += np.square(power.imag)
+            power.imag = 0.0
+            lags[:, y : y + rows] = fft.ifft(power, axis=0, overwrite_x=True)[: reach + 1]
+        del along_y
+        spectrum[..., block] = fft.ifft(lags, axis=1, overwrite_x=True)[:, kept]
+    return spectrum, size[2]

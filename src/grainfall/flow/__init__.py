@@ -94,7 +94,7 @@ def permeability(
     for name, value, known in (("method", method, METHODS), ("conductance", conductance, CONDUCTANCES)):
         if value not in known:
             raise InputError(f"flow {name}", f"unknown {name} {value!r}", f"choose one of {', '.join(known)}")
-    pore = np.asarray(pore).astype(bool)
+    pore = np.asarray(pore).astype(bool, copy=False)
     if pore.all():
         return _table(method, [(np.nan, 1.0, 0.0)] * 3)
     begin = time.perf_counter()

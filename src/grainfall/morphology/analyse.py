@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -94,6 +94,8 @@ def measure_slices(
     slices: Iterable[tuple[int, int]],
     *,
     body: np.ndarray | None = None,
+    outlined: bool = True,
+    shown: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
     **settings: float,
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Grains and pore circles on plane slices of a volume, by the steps that a section goes through.
@@ -101,10 +103,15 @@ def measure_slices(
     Parameters
     ----------
     phase : (z, y, x) ndarray of uint8
+        An open volume file will do: nothing but the slices is taken from it.
     voxel_size_um : float
     slices : iterable of (axis, index)
     body : (z, y, x) ndarray of int, optional
-        Body of each voxel, for a section that came with its grains outlined: those of slices are known too.
+        Body of each voxel, likewise.
+    outlined : bool
+        Whether the section came with its grains outlined: by ``body`` those of slices are known too.
+    shown : callable, optional
+        (phase, body) of a slice to the phases that a section would show.
     **settings
         Persistences and resolution limit, as :func:`analyse` takes them.
 
@@ -115,9 +122,11 @@ def measure_slices(
     """
     grains, pores = [], []
     for number, (axis, index) in enumerate(slices):
-        plane = np.ascontiguousarray(np.take(phase, index, axis))
-        outlines = None if body is None else np.ascontiguousarray(np.take(body, index, axis))
-        found = analyse(plane, voxel_size_um, instances=outlines, **settings)
+        at = (slice(None),) * axis + (index,)
+        image = np.ascontiguousarray(phase[at])
+        owner = None if body is None else np.ascontiguousarray(body[at])
+        image = image if shown is None else shown(image, owner)
+        found = analyse(image, voxel_size_um, instances=owner if outlined else None, **settings)
         for tables, table in ((grains, found.grains), (pores, found.pores)):
             table.insert(0, "slice", number)
             table.insert(1, "axis", "zyx"[axis])

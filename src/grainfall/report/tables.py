@@ -205,20 +205,21 @@ def packing_values(
     bodies : DataFrame
         bodies.csv.
     phase : ndarray of uint8, (z, y, x)
-        The twin.
+        The twin; an open volume file will do.
     """
+    counts = voxel_counts(phase)
     size = np.array(scene["shape_zyx"][::-1]) * scene["voxel_size_um"]
     centre = bodies[["x", "y", "z"]].to_numpy(float)
     before, after = correction["before"], correction["after"]
     return {
-        "porosity": float((phase == 0).mean()),
+        "porosity": float(counts[0] / phase.size),
         "porosity_target": scene["porosity_target"],
         "porosity_first": deficit["porosity_first"],
         "porosity_second": before["porosity"],
         "n_grains": int(((centre >= 0) & (centre < size)).all(axis=1).sum()),
         "n_virtual": second["poured"] - second["poured_grains"],
         "p_sp": second["p_sp"],
-        "cement_share": np.count_nonzero(phase >= len(scene["phases"])) / phase.size,
+        "cement_share": int(counts[len(scene["phases"]) :].sum()) / phase.size,
         "asleep": float(bodies["asleep"].mean()),
         "drift": second["rest"]["drift_mean"],
         "net_force": second["rest"]["net_force"],
@@ -339,6 +340,15 @@ def flow_values(
     return found
 
 
+def voxel_counts(phase: np.ndarray, slab: int = 128) -> np.ndarray:
+    """Voxels (256,) of each phase of a volume (z, y, x) of uint8; an open volume file will do."""
+    counts = np.zeros(256, np.int64)
+    for z in range(0, len(phase), slab):
+        for plane in phase[z : z + slab]:  # counting makes integers of eight bytes of what it counts
+            counts += np.bincount(plane.ravel(), minlength=256)
+    return counts
+
+
 def phase_values(twin_phase: np.ndarray, section_phase: np.ndarray, blocks: int = 4) -> dict[str, object]:
     """Share of each mineral in the solid of the twin, with the section's share ± 2 standard errors as target.
 
@@ -355,7 +365,7 @@ def phase_values(twin_phase: np.ndarray, section_phase: np.ndarray, blocks: int 
     if len(minerals) < 2:
         return {}
     found: dict[str, object] = {}
-    twin = np.bincount(twin_phase.ravel(), minlength=256)
+    twin = voxel_counts(twin_phase)
     tiles = [t for rows in np.array_split(section_phase, blocks, 0) for t in np.array_split(rows, blocks, 1)]
     counts = np.array([np.bincount(t.ravel(), minlength=256)[: minerals.stop] for t in tiles], float)
     solid = counts[:, 1:].sum(1)

@@ -12,6 +12,7 @@ import numpy as np
 from skimage.measure import marching_cubes
 
 from grainfall.report.figures import MINERALS, PORE_CIRCLE
+from grainfall.report.tables import voxel_counts
 
 TRIANGLES = 160_000
 """Most triangles of one view; the grid is coarsened until they fit."""
@@ -46,10 +47,10 @@ def view_data(
     dict
         ``traces`` (plotly), ``groups`` (trace group → name on its button), ``layout``; JSON throughout.
     """
-    minerals = [i for i in np.unique(phase) if i]
+    minerals = [i for i in np.flatnonzero(voxel_counts(phase)) if i]
     while True:
         factor = max(1, -(-max(phase.shape) // edge))
-        meshes = [(int(i), *_surface(phase == i, factor)) for i in minerals]
+        meshes = [(int(i), *_surface(phase, i, factor)) for i in minerals]
         if sum(len(f) for _, _, f in meshes) <= TRIANGLES or edge <= 12:
             break
         edge = int(0.85 * edge)
@@ -83,12 +84,15 @@ def view_data(
     return {"traces": traces, "groups": groups, "layout": layout}
 
 
-def _surface(mask: np.ndarray, factor: int) -> tuple[np.ndarray, np.ndarray]:
-    """Closed surface of a mask averaged over blocks: vertices (n, 3) x, y, z in coarse voxels; faces."""
-    blocks = [-(-n // factor) for n in mask.shape]
-    padded = np.pad(mask, [(0, b * factor - n) for b, n in zip(blocks, mask.shape, strict=True)])
-    nz, ny, nx = blocks
-    share = padded.reshape(nz, factor, ny, factor, nx, factor).mean((1, 3, 5))
+def _surface(phase: np.ndarray, mineral: int, factor: int) -> tuple[np.ndarray, np.ndarray]:
+    """Closed surface of a mineral averaged over blocks: vertices (n, 3) x, y, z in coarse voxels; faces."""
+    blocks = [-(-n // factor) for n in phase.shape]
+    beyond = [(0, b * factor - n) for b, n in zip(blocks, phase.shape, strict=True)]
+    share = np.empty(blocks)
+    for z in range(blocks[0]):
+        mask = phase[z * factor : (z + 1) * factor] == mineral
+        mask = np.pad(mask, [(0, factor - len(mask)), *beyond[1:]])
+        share[z] = mask.reshape(factor, blocks[1], factor, blocks[2], factor).mean((0, 2, 4))
     share = np.pad(share, 1)  # empty rim: the cut faces of the box close
     if not (share > 0.5).any():
         return np.zeros((0, 3)), np.zeros((0, 3), int)

@@ -4,8 +4,8 @@ from grainfall.volume.cement import as_minerals, cement, grow_rims
 from grainfall.volume.correction import correct_porosity
 from grainfall.volume.export import export_metaimage, export_raw, export_vti
 from grainfall.volume.finish import finish, make_room
-from grainfall.volume.measures import adjacent_pairs, euler_number, porosity
-from grainfall.volume.scan import VIRTUAL, voxelise, voxelise_slabs
+from grainfall.volume.measures import adjacent_pairs, describe, euler_number, porosity
+from grainfall.volume.scan import VIRTUAL, packed_porosity, voxelise, voxelise_slabs
 
 __all__ = [
     "VIRTUAL",
@@ -13,6 +13,7 @@ __all__ = [
     "as_minerals",
     "cement",
     "correct_porosity",
+    "describe",
     "euler_number",
     "export_metaimage",
     "export_raw",
@@ -20,6 +21,7 @@ __all__ = [
     "finish",
     "grow_rims",
     "make_room",
+    "packed_porosity",
     "porosity",
     "voxelise",
     "voxelise_slabs",

@@ -7,13 +7,17 @@ import time
 import edt
 import numpy as np
 import pandas as pd
-from scipy.ndimage import convolve1d, distance_transform_edt
+from numba import njit
+from scipy.ndimage import distance_transform_edt
 
 from grainfall.volume.measures import porosity
 from grainfall.volume.scan import Meshes, voxelise
 
 SUPPORT = 5
 """Edge, voxels, of the neighbourhood whose solid voxels rank pore voxels equally far from the grains."""
+
+SLAB = 64
+"""Planes whose voxels are given to their nearest grains at a time: that takes some 20 bytes a voxel."""
 
 SCATTER = np.array([3518319155, 2882110345, 2360945575], np.uint64)
 """Multipliers of the additive recurrence in three dimensions: 2^32 over powers of the root of x^4 = x + 1."""
@@ -65,14 +69,15 @@ def cement(
     rim = 0.0
     if _missing(phase, target) > 0 and phase.any():
         # The rim without the grains around is an upper bound: more solid near by only shortens distances.
-        _, _, bound = grow_rims(phase, body, target, label)
-        margin = int(np.ceil(bound)) + 1
+        _, bound, _ = _shells(phase, target)
+        margin = int(np.ceil(np.sqrt(bound))) + 1
         wide = tuple(n + 2 * margin for n in shape)
         origin = (-margin * voxel_size_um,) * 3
         around = voxelise(bodies, library, wide, voxel_size_um, origin, threads=threads)
         within = (slice(margin, -margin),) * 3
         for whole, part in zip(around, (phase, body), strict=True):
             whole[within] = part  # the same grains to the last voxel, whatever the shifted origin rounds to
+        del phase, body, whole, part
         phase, body, rim = grow_rims(*around, target, label, margin)
     return (
         phase,
@@ -124,31 +129,37 @@ def grow_rims(
     reconstructions (Bakke and Øren, SPE Journal 2, 136, 1997, with exponent 0).
     """
     within = tuple(slice(margin, n - margin) for n in phase.shape)
-    grains, owner = phase[within], body[within]
-    wanted = _missing(grains, target)
-    if wanted <= 0 or not phase.any():
-        return grains.copy(), owner.copy(), 0.0
-    squared = edt.edtsq(np.ascontiguousarray(phase == 0), black_border=False)[within]
-    pore = np.flatnonzero(grains == 0)
-    shell = np.rint(squared.ravel()[pore]).astype(np.int64)
-    del squared
-    up_to = np.cumsum(np.bincount(shell))
-    last = int(np.searchsorted(up_to, wanted))
-    rest = wanted - (int(up_to[last - 1]) if last else 0)
-    edge = pore[shell == last]
-    place = np.stack(np.unravel_index(edge, grains.shape)).astype(np.uint64)
-    even = (SCATTER[:, None] * place).sum(axis=0) & np.uint64(0xFFFFFFFF)
-    order = np.lexsort((even, -_support(phase)[within].ravel()[edge]))
-    filled = np.zeros(grains.size, bool)
-    filled[pore[shell < last]] = True
-    filled[edge[order[:rest]]] = True
-    filled = filled.reshape(grains.shape)
+    grains, owner = phase[within].copy(), body[within].copy()
+    if _missing(grains, target) <= 0 or not phase.any():
+        return grains, owner, 0.0
+    squared, last, rest = _shells(phase, target, margin)
+    edge = np.nonzero(squared == last)
+    even = (SCATTER[:, None] * np.stack(edge).astype(np.uint64)).sum(axis=0) & np.uint64(0xFFFFFFFF)
+    order = np.lexsort((even, -_support(phase, *(at + margin for at in edge))))
+    squared[tuple(at[order[rest:]] for at in edge)] = np.inf  # of the last shell only as many as are wanted
     rim = float(np.sqrt(last))
-    return (
-        np.where(filled, np.uint8(label), grains),
-        np.where(filled, _nearest(body, int(np.ceil(rim)) + 1)[within], owner),
-        rim,
-    )
+    for z in range(0, len(grains), SLAB):
+        slab = slice(z, z + SLAB)
+        filled = (squared[slab] > 0) & (squared[slab] <= last)
+        nearest = _nearest(body, int(np.ceil(rim)) + 1, z + margin, min(z + SLAB, len(grains)) + margin)
+        grains[slab][filled] = label
+        owner[slab][filled] = nearest[:, within[1], within[2]][filled]
+    return grains, owner, rim
+
+
+def _shells(phase: np.ndarray, target: float, margin: int = 0) -> tuple[np.ndarray, int, int]:
+    """Squared distances to the solid within the margin, the last shell that is filled, and how much of it."""
+    squared = edt.edtsq(np.ascontiguousarray(phase == 0), black_border=False)
+    within = tuple(slice(margin, n - margin) for n in phase.shape)
+    squared = np.rint(squared, out=squared)[within]
+    voxels = np.zeros(int(squared.max()) + 1, np.int64)
+    for plane in squared:
+        voxels += np.bincount(plane.astype(np.int64).ravel(), minlength=len(voxels))
+    voxels[0] = 0  # solid
+    up_to = np.cumsum(voxels)
+    wanted = _missing(phase[within], target)
+    last = int(np.searchsorted(up_to, wanted))
+    return squared, last, wanted - int(up_to[last - 1])
 
 
 def as_minerals(phase: np.ndarray, body: np.ndarray, bodies: pd.DataFrame) -> np.ndarray:
@@ -179,20 +190,24 @@ def _missing(phase: np.ndarray, target: float) -> int:
     return int(np.count_nonzero(phase == 0)) - round(target * phase.size)
 
 
-def _support(phase: np.ndarray) -> np.ndarray:
-    """Solid voxels in a cube about each voxel."""
-    found = (phase > 0).astype(np.int16)
-    for axis in range(3):
-        found = convolve1d(found, np.ones(SUPPORT, np.int16), axis=axis, mode="nearest")
+@njit(cache=True, nogil=True)
+def _support(phase, z, y, x):
+    """Solid voxels in a cube about each of the voxels given; the volume goes on beyond its faces."""
+    nz, ny, nx = phase.shape
+    half = SUPPORT // 2
+    found = np.zeros(len(z), np.int64)
+    for i in range(len(z)):
+        for a in range(z[i] - half, z[i] + half + 1):
+            for b in range(y[i] - half, y[i] + half + 1):
+                for c in range(x[i] - half, x[i] + half + 1):
+                    here = phase[min(max(a, 0), nz - 1), min(max(b, 0), ny - 1), min(max(c, 0), nx - 1)]
+                    found[i] += here > 0
     return found
 
 
-def _nearest(body: np.ndarray, reach: int, slab: int = 64) -> np.ndarray:
-    """Body of the nearest solid voxel, right within ``reach`` voxels of it; slab by slab to save memory."""
-    found = np.empty_like(body)
-    for z in range(0, len(body), slab):
-        first = max(0, z - reach)
-        part = body[first : z + slab + reach]
-        index = distance_transform_edt(part == 0, return_distances=False, return_indices=True)
-        found[z : z + slab] = part[tuple(index)][z - first : z - first + slab]
-    return found
+def _nearest(body: np.ndarray, reach: int, start: int, stop: int) -> np.ndarray:
+    """Body of the nearest solid voxel on planes from start to stop, right within ``reach`` voxels of it."""
+    first = max(0, start - reach)
+    part = body[first : stop + reach]
+    index = distance_transform_edt(part == 0, return_distances=False, return_indices=True)
+    return part[tuple(index[:, start - first : stop - first])]

@@ -7,8 +7,8 @@ import time
 import numpy as np
 import pandas as pd
 
-from grainfall.volume.measures import adjacent_pairs, euler_number, porosity
-from grainfall.volume.scan import Meshes, voxelise
+from grainfall.volume.measures import describe
+from grainfall.volume.scan import Meshes, packed_porosity, voxelise_slabs
 
 TOLERANCE = 0.0005
 """Largest porosity error that is left where the correction is applied."""
@@ -27,7 +27,6 @@ def correct_porosity(
     *,
     switch: str = "auto",
     max_passes: int = 12,
-    threads: int = 1,
 ) -> tuple[pd.DataFrame, dict]:
     """Scale grain positions isotropically about the region's centre until the porosity is the target.
 
@@ -52,16 +51,14 @@ def correct_porosity(
         Largest ``|target - porosity|`` that position scaling may bridge, whatever the switch.
     switch : {"auto", "on", "off"}
     max_passes : int
-        Voxelisations at most.
-    threads : int
-        Slabs voxelised at the same time.
+        Scales tried at most.
 
     Returns
     -------
     bodies : DataFrame
         The grains, moved where the correction was applied.
     report : dict
-        applied, forced, reason, target, limit, scale_factor, passes (voxelisations), wall_s, before and
+        applied, forced, reason, target, limit, scale_factor, passes (scales tried), wall_s, before and
         after: porosity, euler (of the pore space, 6-connected), contacts (pairs of grains that share voxel
         faces), contact_area_um2.
 
@@ -73,39 +70,35 @@ def correct_porosity(
     region: the emptied rim outweighs the denser core.
     """
     started = time.perf_counter()
-    grains, report = _corrected(
-        bodies, library, shape, voxel_size_um, target, limit, switch, max_passes, threads
-    )
+    grains, report = _corrected(bodies, library, shape, voxel_size_um, target, limit, switch, max_passes)
     return grains, {**report, "forced": switch != "auto", "wall_s": time.perf_counter() - started}
 
 
 def _corrected(
-    bodies, library, shape, voxel_size_um, target, limit, switch, max_passes, threads
+    bodies, library, shape, voxel_size_um, target, limit, switch, max_passes
 ) -> tuple[pd.DataFrame, dict]:
     grains = bodies[bodies["kind"] != "virtual"].reset_index(drop=True)
     centre = 0.5 * voxel_size_um * np.asarray(shape[::-1], float)
-    passes = 0
 
-    def state(s: float) -> tuple[pd.DataFrame, np.ndarray, np.ndarray, float]:
-        nonlocal passes
-        passes += 1
-        moved = scale_positions(grains, centre, s)
-        phase, body = voxelise(moved, library, shape, voxel_size_um, threads=threads)
-        return moved, phase, body, porosity(phase) - target
+    def described(moved: pd.DataFrame) -> dict:
+        slabs = voxelise_slabs(moved, library, shape, voxel_size_um)
+        return describe((body for _, _, body in slabs), voxel_size_um)
 
-    first = state(1.0)
-    before = _describe(first[1], first[2], voxel_size_um)
+    def gap_at(s: float) -> float:
+        return packed_porosity(scale_positions(grains, centre, s), library, shape, voxel_size_um) - target
+
+    before = described(grains)
+    gap = before["porosity"] - target
     report = {
         "applied": False,
         "reason": "",
         "target": float(target),
         "limit": float(limit),
         "scale_factor": 1.0,
-        "passes": passes,
+        "passes": 1,
         "before": before,
         "after": before,
     }
-    gap = first[3]
     if switch == "off":
         report["reason"] = f"switched off in the config, {abs(gap):.4f} from the target"
         return grains, report
@@ -114,15 +107,15 @@ def _corrected(
         return grains, report
 
     # Aim well inside the tolerance, but no finer than the steps that one voxel makes.
-    aim = max(TOLERANCE / 5, 1.0 / first[1].size)
-    best, best_s = first, 1.0
+    aim = max(TOLERANCE / 5, 1.0 / np.prod(shape, dtype=float))
+    best, best_s = gap, 1.0
     s = ((1.0 - before["porosity"]) / (1.0 - target)) ** (1 / 3)
     step = s - 1.0
     points = [(1.0, gap)]
-    while passes < max_passes and abs(best[3]) > aim:
-        trial = state(s)
-        points.append((s, trial[3]))
-        if abs(trial[3]) < abs(best[3]):
+    while len(points) < max_passes and abs(best) > aim:
+        trial = gap_at(s)
+        points.append((s, trial))
+        if abs(trial) < abs(best):
             best, best_s = trial, s
         below = max((p for p in points if p[1] < 0), default=None)
         above = min((p for p in points if p[1] > 0), default=None)
@@ -138,22 +131,20 @@ def _corrected(
             s = below[0] + share * (above[0] - below[0])
         else:
             break  # steps of a coarse grid have crossed: the best seen is what the grid can resolve
-    report["passes"] = passes
-    if abs(best[3]) > TOLERANCE:
-        nearest = best[3] + target
+    report["passes"] = len(points)
+    if abs(best) > TOLERANCE:
+        nearest = best + target
         report["reason"] = (
             f"no scale within {100 * abs(s - 1):.1f} % comes within {TOLERANCE:g} of the target "
             f"(nearest porosity {nearest:.5f}); contraction needs grains around the region to move in"
         )
         return grains, report
     reason = "already within the tolerance" if best_s == 1.0 else "positions scaled"
-    report |= {
-        "applied": bool(best_s != 1.0),
-        "reason": reason,
-        "scale_factor": float(best_s),
-        "after": _describe(best[1], best[2], voxel_size_um),
-    }
-    return best[0], report
+    if best_s != 1.0:
+        grains = scale_positions(grains, centre, best_s)
+        report["after"] = described(grains)
+    report |= {"applied": bool(best_s != 1.0), "reason": reason, "scale_factor": float(best_s)}
+    return grains, report
 
 
 def scale_positions(bodies: pd.DataFrame, centre_um: np.ndarray, factor: float) -> pd.DataFrame:
@@ -163,13 +154,3 @@ def scale_positions(bodies: pd.DataFrame, centre_um: np.ndarray, factor: float) 
     xyz = bodies[["x", "y", "z"]].to_numpy(np.float64)
     moved = centre_um + factor * (xyz - centre_um)
     return bodies.assign(x=moved[:, 0], y=moved[:, 1], z=moved[:, 2])
-
-
-def _describe(phase: np.ndarray, body: np.ndarray, voxel_size_um: float) -> dict:
-    pairs = adjacent_pairs(body, voxel_size_um)
-    return {
-        "porosity": porosity(phase),
-        "euler": euler_number(phase == 0),
-        "contacts": len(pairs),
-        "contact_area_um2": float(pairs["area_um2"].sum()),
-    }

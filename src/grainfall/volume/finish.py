@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 import pandas as pd
 
+from grainfall.io import CHUNK
 from grainfall.packing.plan import decide
 from grainfall.volume.cement import cement
 from grainfall.volume.correction import correct_porosity
-from grainfall.volume.measures import porosity
-from grainfall.volume.scan import Meshes, voxelise
+from grainfall.volume.scan import Meshes, voxelise_slabs
 
 
 def finish(
@@ -21,7 +21,7 @@ def finish(
     densification: Mapping,
     switches: Mapping[str, str],
     limit: float = 0.01,
-) -> tuple[pd.DataFrame, np.ndarray, np.ndarray, dict, dict]:
+) -> tuple[pd.DataFrame, Iterator[tuple[int, np.ndarray, np.ndarray]], dict, dict]:
     """The twin of a packing: grains scaled in position or cemented, where the porosity calls for it.
 
     Parameters
@@ -43,10 +43,9 @@ def finish(
     -------
     bodies : DataFrame
         The grains of the twin.
-    phase : (nz, ny, nx) uint8
-        0 pore, 1...M minerals, M + 1 cement.
-    body : (nz, ny, nx) int32
-        Body id + 1, 0 pore; a rim belongs to the grain it grew on.
+    slabs : iterator of z, phase, body
+        The voxels, slab by slab from the plane z on: phase uint8, 0 pore, 1...M minerals, M + 1 cement; body
+        int32, body id + 1, 0 pore; a rim belongs to the grain it grew on.
     scaling : dict
         As :func:`grainfall.volume.correct_porosity` gives it.
     rims : dict
@@ -79,12 +78,11 @@ def finish(
         grains, room = make_room(grains, scene, left)
         phase, body, grown = cement(grains, library, shape, voxel, target, len(scene["phases"]))
         rims["reason"] += f": rims of {grown['rim_um']:.3g} um on grains {100 * (1 - room):.2g} % smaller"
-        return grains, phase, body, scaling, {**grown, "room": room, **rims}
-    phase, body = voxelise(grains, library, shape, voxel)
-    after = porosity(phase)
-    nothing = {"target": target, "before": after, "after": after, "share": 0.0, "rim_um": 0.0, "wall_s": 0.0}
+        return grains, iter([(0, phase, body)]), scaling, {**grown, "room": room, **rims}
+    nothing = {"target": target, "before": left, "after": left, "share": 0.0, "rim_um": 0.0, "wall_s": 0.0}
     nothing["room"] = 1.0
-    return grains, phase, body, scaling, {**nothing, **rims}
+    slabs = voxelise_slabs(grains, library, shape, voxel, slab=CHUNK)
+    return grains, slabs, scaling, {**nothing, **rims}
 
 
 def make_room(bodies: pd.DataFrame, scene: Mapping, porosity_before: float) -> tuple[pd.DataFrame, float]:

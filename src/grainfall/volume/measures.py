@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
+
 import numpy as np
 import pandas as pd
 from numba import njit, types
 from numba.typed import Dict
 
 PAIR = types.UniTuple(types.int64, 2)
+
+SLAB = 128
+"""Planes looked at together: the chunks of a volume file."""
 
 
 def porosity(phase: np.ndarray) -> float:
@@ -54,13 +59,50 @@ def _euler(pore):
     return total
 
 
+def describe(slabs: Iterable[np.ndarray], voxel_size_um: float) -> dict:
+    """Porosity, topology and contacts of a volume that comes slab by slab.
+
+    Parameters
+    ----------
+    slabs : iterable of (<= nz, ny, nx) int
+        Labels of the bodies, 0 pore, one slab of planes after the other.
+    voxel_size_um : float
+        Edge of a voxel.
+
+    Returns
+    -------
+    dict
+        porosity; euler, of the pore space (:func:`euler_number`); contacts, pairs of bodies that share voxel
+        faces, and contact_area_um2 (:func:`adjacent_pairs`).
+    """
+    solid = voxels = euler = 0
+    tallies = []
+    for z, shared, body in _overlapping(slabs):
+        pore = body == 0
+        solid += pore.size - int(np.count_nonzero(pore))
+        voxels += pore.size
+        euler += euler_number(pore)
+        if shared:
+            solid -= pore[0].size - int(np.count_nonzero(pore[0]))
+            voxels -= pore[0].size
+            euler -= euler_number(pore[:1])
+        tallies.append(_adjacent(body, z, shared))
+    pairs = _pairs_of(tallies, voxel_size_um)
+    return {
+        "porosity": 1.0 - solid / voxels,
+        "euler": euler,
+        "contacts": len(pairs),
+        "contact_area_um2": float(pairs["area_um2"].sum()),
+    }
+
+
 def adjacent_pairs(body: np.ndarray, voxel_size_um: float) -> pd.DataFrame:
     """Pairs of bodies that share voxel faces.
 
     Parameters
     ----------
     body : (nz, ny, nx) int
-        Labels, 0 pore.
+        Labels, 0 pore; an open volume file will do.
     voxel_size_um : float
         Edge of a voxel.
 
@@ -80,9 +122,28 @@ def adjacent_pairs(body: np.ndarray, voxel_size_um: float) -> pd.DataFrame:
     orientations: 0.67 A for a contact along an axis, 1.15 A along the diagonal. ``area_um2`` is the former;
     on a curved contact it is the area of the flat patch with the same rim.
     """
-    pairs, sums = _adjacent(np.ascontiguousarray(body))
+    slabs = (np.asarray(body[z : z + SLAB]) for z in range(0, len(body), SLAB))
+    return _pairs_of([_adjacent(part, z, shared) for z, shared, part in _overlapping(slabs)], voxel_size_um)
+
+
+def _overlapping(slabs: Iterable[np.ndarray]) -> Iterator[tuple[int, bool, np.ndarray]]:
+    """Slabs, each with the last plane of the one before it: first plane, whether it is shared, slab."""
+    z, before = 0, None
+    for slab in slabs:
+        if before is None:
+            yield z, False, np.ascontiguousarray(slab)
+        else:
+            yield z - 1, True, np.concatenate([before, slab])
+        z, before = z + len(slab), slab[-1:].copy()
+
+
+def _pairs_of(tallies: list[tuple[np.ndarray, np.ndarray]], voxel_size_um: float) -> pd.DataFrame:
+    """The table of :func:`adjacent_pairs` from what slabs have counted."""
+    pairs, sums = (np.concatenate(parts) for parts in zip(*tallies, strict=True))
     order = np.lexsort((pairs[:, 1], pairs[:, 0]))
     pairs, sums = pairs[order], sums[order]
+    first = np.flatnonzero(np.any(np.diff(pairs, axis=0, prepend=-1), axis=1))
+    pairs, sums = pairs[first], np.add.reduceat(sums, first) if len(first) else sums
     faces, signed, centre = sums[:, 0:3], sums[:, 3:6], sums[:, 6:9]
     length = np.sqrt((signed.astype(float) ** 2).sum(axis=1))
     with np.errstate(invalid="ignore"):
@@ -101,9 +162,13 @@ def adjacent_pairs(body: np.ndarray, voxel_size_um: float) -> pd.DataFrame:
     )
 
 
-@njit(cache=True)
-def _adjacent(body):
-    """Label pairs (n, 2) and (n, 9) sums over their faces: counts, signed counts, centres in half voxels."""
+@njit(cache=True, nogil=True)
+def _adjacent(body, first, shared):
+    """Label pairs (n, 2) and (n, 9) sums over their faces: counts, signed counts, centres in half voxels.
+
+    The first plane is the volume's plane ``first``; where it is ``shared`` with the slab before, its own
+    faces were counted there.
+    """
     nz, ny, nx = body.shape
     row_of = Dict.empty(PAIR, types.int64)
     pairs = np.empty((1024, 2), np.int64)
@@ -114,7 +179,7 @@ def _adjacent(body):
                 here = np.int64(body[k, j, i])
                 if here == 0:
                     continue
-                for axis in range(3):
+                for axis in range(2 if shared and k == 0 else 0, 3):
                     if axis == 0:
                         there = np.int64(body[k, j, i + 1]) if i + 1 < nx else here
                     elif axis == 1:
@@ -137,5 +202,5 @@ def _adjacent(body):
                     sums[row, 3 + axis] += 1 if here < there else -1
                     sums[row, 6] += 2 * i + 1 + (axis == 0)
                     sums[row, 7] += 2 * j + 1 + (axis == 1)
-                    sums[row, 8] += 2 * k + 1 + (axis == 2)
+                    sums[row, 8] += 2 * (first + k) + 1 + (axis == 2)
     return pairs[: len(row_of)].copy(), sums[: len(row_of)].copy()
