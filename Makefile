@@ -10,7 +10,7 @@ BEREA ?= $(wildcard ../shared/data/berea/berea_400_pore1.tif)
 export BEREA
 CASES := stereology virtual_spheres virtual_spheres_deep berea xct cv_sweep
 
-.PHONY: demo test lint format docs cases validation thin-section engines report bench-costs bench-stereology bench-segmentation bench-engines bench-creep bench-packing bench-decomposition bench-network bench-permeability paper-scale hard-cases faults verify clean
+.PHONY: demo test lint format docs cases validation accuracy accuracy-presets thin-section engines report bench-costs bench-stereology bench-segmentation bench-engines bench-creep bench-packing bench-decomposition bench-network bench-permeability paper-scale hard-cases faults verify clean
 
 demo: $(VENV)/.ready  ## the embedded demo, to results/summary.csv and results/report.html
 	$(SNAKEMAKE)
@@ -46,6 +46,16 @@ thin-section: $(VENV)/.ready  ## a real section: make thin-section IMAGE=path/to
 	@test -n "$$IMAGE" || { echo "say which image: make thin-section IMAGE=path/to/instances.npz"; exit 1; }
 	$(SNAKEMAKE) --configfile config/cases/thin_section.yaml \
 		--config "samples={thin_section: {image: '$$IMAGE'}}"
+
+# What is measured goes into the table and the figure, also where the sweep stops half-way.
+ACCURACY = $(SNAKEMAKE) --configfile config/cases/accuracy.yaml
+
+accuracy: $(VENV)/.ready  ## error against cost of every setting; goes on where it was stopped; more of them: REALIZATIONS=5
+	$(ACCURACY) --keep-going $(if $(REALIZATIONS),--config realizations=$(REALIZATIONS)) -- accuracy_sweep; \
+		status=$$?; $(ACCURACY) -- accuracy && exit $$status
+
+accuracy-presets: accuracy  ## the same, and what it says of the presets becomes what `accuracy: {metric, tolerance}` goes by
+	cp results/accuracy/presets.csv src/grainfall/presets.csv
 
 verify: $(VENV)/.ready  ## is everything behind the results still as it was? Says what changed; status 1 if anything did
 	$(BIN)/python -m grainfall.provenance

@@ -22,6 +22,7 @@ include: "workflow/rules/correlation.smk"
 include: "workflow/rules/network.smk"
 include: "workflow/rules/report.smk"
 include: "workflow/rules/validation.smk"
+include: "workflow/rules/accuracy.smk"
 
 
 rule all:

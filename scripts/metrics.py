@@ -10,6 +10,20 @@ with stage(snakemake) as progress, io.open_volume(snakemake.input.twin, "phase")
     def table(name):
         return io.read_table(str(files[name])) if files.get(name) else None
 
+    def asked_for():
+        """The error in what the config's ``accuracy`` asks for."""
+        asked = snakemake.params.asked
+        if not asked:
+            return {}
+        from grainfall import accuracy
+
+        found = accuracy.from_tables(s2_volume, table("flow"), method, twin_network)
+        found |= {"porosity": packing["porosity"], "overlap": io.read_json(files.contacts)["max_overlap"]}
+        held = {"porosity": scene["porosity_target"]}
+        if reference is not None:
+            held |= accuracy.from_tables(table("reference_s2"), table("reference_flow"), method, reference)
+        return report.accuracy_values(asked, accuracy.differences(found, held))
+
     scene = io.read_json(files.scene)
     section, _ = io.read_volume(files.labels, "phase")
     method = settings["flow"]["methods"][0]
@@ -48,6 +62,7 @@ with stage(snakemake) as progress, io.open_volume(snakemake.input.twin, "phase")
         **report.flow_values(table("flow"), table("reference_flow"), method),
         **{k: v for k, v in io.read_json(files.contacts).items() if k in report.METRICS},
         **report.resettling_values(io.read_json(str(files.resettling)) if files.get("resettling") else None),
+        **asked_for(),
         "wall_s": costs.wall_s.sum(),
         "peak_rss_mb": costs.peak_rss_mb.max(),
     }

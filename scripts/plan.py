@@ -7,4 +7,8 @@ from grainfall import io, packing
 with stage(snakemake):
     names = ("scene", "first", "deficit", "second", "correction", "cement")
     reports = [io.read_json(snakemake.input[name]) for name in names]
-    io.write_json(snakemake.output.plan, packing.effects_plan(*reports))
+    plan = packing.effects_plan(*reports)
+    if asked := snakemake.params.asked:
+        reason = f"{asked['metric']} within {asked['tolerance']:g} asked for: {asked['words']}"
+        plan["preset"] = {"on": True, "forced": False, "reason": reason, "cost_s": None, "saved_s": None}
+    io.write_json(snakemake.output.plan, plan)

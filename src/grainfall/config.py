@@ -13,6 +13,7 @@ import yaml
 from jsonschema import Draft202012Validator
 
 from grainfall.errors import InputError
+from grainfall.presets import measured, with_accuracy
 
 VARIANT_KEYS = ("scene", "packing", "effects", "feedback", "network", "flow")
 RESERVED = (
@@ -228,7 +229,7 @@ def resolve(config: dict, schema: dict, presets: dict, where: str = "config") ->
     Raises
     ------
     InputError
-        On the first fault, variants' overrides included.
+        On the first fault, variants' overrides included; where no preset holds the ``accuracy`` asked for.
     """
     _check_plain(config, where)
     config = _switched(config)
@@ -236,6 +237,8 @@ def resolve(config: dict, schema: dict, presets: dict, where: str = "config") ->
         over = {k: _switched(v) if isinstance(v, dict) else v for k, v in config["variants"].items()}
         config = {**config, "variants": over}
     check(config, schema, where)
+    if config.get("accuracy"):
+        config = with_accuracy(config, measured(), where)
     preset = config.get("preset", schema["properties"]["preset"]["default"])
     whole = fill(merge(presets.get(preset) or {}, config), schema)
     check(whole, schema, where)

@@ -9,13 +9,14 @@ import sys
 from functools import cache
 from pathlib import Path
 
+from snakemake import benchmark
 from snakemake.exceptions import WorkflowError
 
 HOUSE = Path(workflow.basedir)
 sys.path.insert(0, str(HOUSE / "src"))
 
 from grainfall import config as sheet
-from grainfall import provenance
+from grainfall import presets, provenance
 from grainfall.errors import InputError
 from grainfall.export import FORMATS
 from grainfall.lifeline import end_with
@@ -53,6 +54,10 @@ def sole_run():
     return handle
 
 
+# Snakemake looks at a job twice a second for its first 15 s, then every 30 s, and what a job uses after the last
+# look is in no table: up to half a minute of it. A look a second is cheap.
+benchmark.benchmarked.__wrapped__.__defaults__ = (None, None, 1)
+
 if workflow.is_main_process:
     RUNNING = sole_run()
     # Nobody would read what a run says whose grainfall was killed: it would wait for ever.
@@ -79,6 +84,16 @@ SYNTHESES = {
     for name, row in SAMPLES.items()
     if row["kind"] == "synthetic"
 }
+
+ASKED = None
+if CONFIG["accuracy"]:
+    chosen = presets.choose(**CONFIG["accuracy"], table=presets.measured())
+    ASKED = {
+        **CONFIG["accuracy"],
+        "expected": chosen.error,
+        "words": f"{chosen.words} ({presets.SOURCE})",
+    }
+
 VARIANTS = {name: sheet.variant(CONFIG, name) for name in CONFIG["variants"]}
 REALIZATIONS = range(CONFIG["realizations"])
 SLICES = [name for name, row in SAMPLES.items() if row["kind"] == "slice"]
@@ -363,6 +378,24 @@ def tomograms_of_case(wildcards):
         "s2_envelope.json",
     )
     return expand(f"{SAMPLE}/tomogram/{{name}}", sample=TOMOGRAMS, name=names)
+
+
+# ---- what accuracy costs
+
+
+def observed_so_far(wildcards):
+    """What the sweep has measured, with its age; as above, no input."""
+    found = [
+        *Path("results").glob("*/*/*/first/observed.json"),
+        *Path("results").glob("*/*/*/observed.json"),
+        *Path("results/accuracy").glob("*/*.csv"),
+    ]
+    return {str(path): path.stat().st_mtime_ns for path in sorted(found)}
+
+
+def known_settings(wildcards):
+    """Settings of a knob of the analysis, as words."""
+    return [str(value) for value in CONFIG["accuracy_sweep"]["known"][wildcards.knob]]
 
 
 onstart:

@@ -46,6 +46,7 @@ rule plan:
         mem_mb=1000,
         runtime=5,
     params:
+        asked=ASKED,
         science=science("packing"),
     script:
         "../../scripts/plan.py"
@@ -74,6 +75,7 @@ rule metrics:
         contacts=f"{TWIN}/contacts.json",
         resettling=where_checked("resettling.json"),
         reference_flow=where_referenced("reference_flow.csv"),
+        reference_s2=where_referenced("reference_s2.csv"),
         reference_pores=where_referenced("reference_network_pores.csv"),
         reference_throats=where_referenced("reference_network_throats.csv"),
         benchmarks=timed(*TWIN_JOBS),
@@ -92,6 +94,7 @@ rule metrics:
     params:
         stream=stream,
         settings=settings("packing", "flow", "correlation"),
+        asked=ASKED,
         science=science("report.tables", "correlation", "network"),
     script:
         "../../scripts/metrics.py"

@@ -92,6 +92,7 @@ METRICS: dict[str, Metric] = {
     "w1_network_throats_um": Metric("network throat radii, distance to the reference", "µm", "network"),
     "w1_network_coordination": Metric("pore coordination, distance to the reference", "throats", "network"),
     "specific_surface_per_um": Metric("specific surface from the slope of S₂", "1/µm", "s2_volume.csv"),
+    "accuracy_error": Metric("error in what accuracy asks for", source="config"),
     "wall_s": Metric("wall time of the realization", "s", "benchmarks"),
     "peak_rss_mb": Metric("peak memory of its largest job", "MB", "benchmarks"),
     "k_md": Metric("permeability, mean of the axes and their range", "mD", "flow.csv"),
@@ -407,6 +408,23 @@ def network_values(
         both = len(sizes[kind]) and len(reference[kind])
         found[name] = stats.wasserstein_distance(sizes[kind], reference[kind]) if both else None
     return found
+
+
+def accuracy_values(asked: Mapping, errors: Mapping[str, float]) -> dict[str, object]:
+    """The error in what the config's ``accuracy`` asks for, with what was expected and asked as its target.
+
+    Parameters
+    ----------
+    asked : mapping
+        metric, tolerance, expected (mean error of the preset, as measured before).
+    errors : mapping
+        Metric to the twin's own error; none where there is no 3D reference to tell it by.
+    """
+    error = errors.get(asked["metric"])
+    return {
+        "accuracy_error": None if error is None else abs(error),
+        "accuracy_error_target": (asked["expected"], 0.0, asked["tolerance"]),
+    }
 
 
 # ---- judgement

@@ -1,0 +1,14 @@
+"""What is finished of the sweep, in one table; what presets are worth in another."""
+
+from _stage import stage
+
+from grainfall import accuracy, io
+
+with stage(snakemake) as progress:
+    sweep = snakemake.params.sweep
+    table = accuracy.summarise(
+        accuracy.gather("results", sweep, snakemake.params.samples, snakemake.params.jobs)
+    )
+    io.write_table(snakemake.output.table, accuracy.rounded(table))
+    io.write_table(snakemake.output.presets, accuracy.rounded(accuracy.presets_of(table)))
+    progress.say(f"{len(table)} rows of {table['knob'].nunique()} knobs")

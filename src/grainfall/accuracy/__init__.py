@@ -1,0 +1,21 @@
+"""What accuracy costs in time: settings held against the truth or the finest.
+
+``known`` tries settings of the analysis on volumes whose truth is known, ``observe`` holds one volume against
+another, ``table`` gathers errors and costs and finds the front between them. What comes of it for the presets
+is in :mod:`grainfall.presets`.
+"""
+
+from grainfall.accuracy.observe import differences, from_tables, observe
+from grainfall.accuracy.table import COLUMNS, front, gather, presets_of, rounded, summarise
+
+__all__ = [
+    "COLUMNS",
+    "differences",
+    "from_tables",
+    "front",
+    "gather",
+    "observe",
+    "presets_of",
+    "rounded",
+    "summarise",
+]

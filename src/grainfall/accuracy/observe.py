@@ -1,0 +1,103 @@
+"""One volume's porosity, pores, S2 and permeability, and how far they lie from another's."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+from grainfall import correlation, flow, network
+
+
+def observe(pore: np.ndarray, voxel_size_um: float) -> dict:
+    """What is compared of a volume.
+
+    Parameters
+    ----------
+    pore : (nz, ny, nx) array of bool
+        True in the pore space.
+    voxel_size_um : float
+
+    Returns
+    -------
+    dict
+        porosity; k_md (by the network, mean of three axes); lag_um and s2 (of the solid, mean of three axes);
+        pore_radius_um (network pores).
+    """
+    pore = np.asarray(pore, bool)
+    found = network.extract(pore, voxel_size_um)
+    lags, s2 = axial_s2(pore, voxel_size_um)
+    return {
+        "porosity": float(pore.mean()),
+        "k_md": float(flow.permeability(pore, voxel_size_um, "network").k_md.mean()),
+        "lag_um": lags,
+        "s2": s2,
+        "pore_radius_um": network.element_sizes(found)["pore_radius_um"],
+    }
+
+
+def axial_s2(pore: np.ndarray, voxel_size_um: float) -> tuple[np.ndarray, np.ndarray]:
+    """Lags (um) and S2 of the solid, mean of three axes."""
+    table = correlation.s2_volume(~pore, voxel_size_um, radial=False)
+    mean = table[table["axis"].isin(list("xyz"))].groupby("lag_um")["s2"].mean()
+    return mean.index.to_numpy(), mean.to_numpy()
+
+
+def from_tables(s2: pd.DataFrame, flow: pd.DataFrame, method: str, sizes: Mapping) -> dict:
+    """The same of a volume that is measured already, all but its porosity.
+
+    Parameters
+    ----------
+    s2, flow : DataFrame
+        s2_volume.csv and flow.csv.
+    method : str
+        Whose permeability counts.
+    sizes : mapping
+        As :func:`grainfall.network.element_sizes` gives them.
+    """
+    mean = s2[s2["axis"].isin(list("xyz"))].groupby("lag_um")["s2"].mean()
+    return {
+        "k_md": flow.loc[flow["method"] == method, "k_md"].mean(),
+        "lag_um": mean.index.to_numpy(),
+        "s2": mean.to_numpy(),
+        "pore_radius_um": sizes["pore_radius_um"],
+    }
+
+
+def differences(found: Mapping, held: Mapping) -> dict[str, float]:
+    """How far one volume lies from another, by the names of :data:`grainfall.presets.METRICS`.
+
+    Parameters
+    ----------
+    found, held : mapping
+        As :func:`observe` gives them; ``coordination`` and ``overlap`` where known. Rigid grains do not
+        overlap: an overlap is its own error, whatever ``held`` has.
+
+    Returns
+    -------
+    dict
+        Signed where a sign makes sense; what either side lacks is left out.
+    """
+    errors: dict[str, float] = {}
+    if "porosity" in found and "porosity" in held:
+        errors["porosity"] = found["porosity"] - held["porosity"]
+    for name, key in (("coordination", "coordination"), ("k", "k_md")):
+        if found.get(key) is not None and held.get(key):
+            errors[name] = found[key] / held[key] - 1
+    if len(found.get("pore_radius_um", ())) and len(held.get("pore_radius_um", ())):
+        errors["pore_sizes"] = relative_distance(found["pore_radius_um"], held["pore_radius_um"])
+    if "s2" in found and "s2" in held:
+        lags = np.asarray(held["lag_um"])
+        seen = lags <= max(found["lag_um"])
+        gap = np.interp(lags[seen], found["lag_um"], found["s2"]) - np.asarray(held["s2"])[seen]
+        errors["s2"] = float(np.abs(gap).max())
+    if found.get("overlap") is not None:
+        errors["overlap"] = found["overlap"]
+    return errors
+
+
+def relative_distance(radii: np.ndarray, true: np.ndarray) -> float:
+    """Wasserstein distance of two samples over the mean of the second."""
+    return float(stats.wasserstein_distance(radii, true) / np.mean(true))

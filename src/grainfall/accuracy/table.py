@@ -1,0 +1,153 @@
+"""Errors and costs of settings in one table, and the front between them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from grainfall import io
+from grainfall.accuracy.observe import differences
+from grainfall.report.tables import read_costs, t_interval
+
+PRESETS = "preset"
+"""The knob whose settings are the presets."""
+
+COSTS = ("wall_s", "cpu_s", "peak_rss_mb")
+
+COLUMNS = (
+    "scene", "knob", "setting", "against", "metric", "n", "error", "lower", "upper",
+    "bias", "bias_lower", "bias_upper", *COSTS, "front",
+)  # fmt: skip
+"""Columns of results/accuracy/accuracy.csv."""
+
+PACKING, TWIN = "packing", "twin"
+"""Scenes: grains poured once, and whole twins; a knob of the analysis is a scene of its own."""
+
+
+def gather(results: str | Path, sweep: Mapping, samples: Sequence[str], jobs: Sequence[str]) -> pd.DataFrame:
+    """Every difference that is measured so far.
+
+    Parameters
+    ----------
+    results : path
+    sweep : mapping
+        The config's ``accuracy_sweep``.
+    samples : sequence of str
+    jobs : sequence of str
+        What a whole twin takes.
+
+    Returns
+    -------
+    DataFrame
+        scene, knob, setting, against, repeat, metric, difference, wall_s, cpu_s, peak_rss_mb.
+    """
+    root = Path(results)
+    pairs = [(knob, v, sweep["against"]) for knob, found in sweep["packing"].items() for v in found]
+    pairs.append((sweep["against"], sweep["against"], sweep["against"]))
+    pairs += [("chance", setting, against) for setting, against in sweep["chance"].items()]
+    rows: list[dict] = []
+    for sample in samples:
+        for knob, setting, against in pairs:
+            for path in sorted((root / sample / setting).glob("*/first/observed.json")):
+                held = root / sample / against / path.parent.parent.name / "first/observed.json"
+                rows += _paired((PACKING, knob, setting, against), path, held, ["first_packing"])
+        for preset in sweep["presets"]:
+            for path in sorted((root / sample / preset).glob("*/observed.json")):
+                held = root / sample / "observed.json"
+                rows += _paired((TWIN, PRESETS, preset, "truth"), path, held, jobs)
+    known = [
+        pd.read_csv(path)
+        for knob in sweep["known"]
+        for path in sorted((root / "accuracy" / knob).glob("*.csv"))
+    ]
+    return pd.concat([pd.DataFrame(rows, columns=list(REPEATS)), *known], ignore_index=True)
+
+
+REPEATS = ("scene", "knob", "setting", "against", "repeat", "metric", "difference", *COSTS)
+
+
+def _paired(about: tuple, path: Path, held: Path, jobs: Sequence[str]) -> list[dict]:
+    """Differences of a volume to the one it is held against, with its cost; nothing while one is missing."""
+    twin = next(folder for folder in path.parents if folder.name.isdigit())
+    if not held.exists():
+        return []
+    written = [twin / f"benchmarks/{job}.tsv" for job in jobs]
+    costs = read_costs(file for file in written if file.exists())
+    spent = (
+        costs["wall_s"].sum(),
+        costs["cpu_s"].sum(skipna=False) if len(costs) else np.nan,
+        costs["peak_rss_mb"].max(),
+    )
+    repeat = f"{twin.parent.parent.name}/{twin.name}"
+    errors = differences(io.read_json(path), io.read_json(held))
+    if path == held:  # nothing to tell its error by; but no overlap is right
+        errors = {name: error if name == "overlap" else np.nan for name, error in errors.items()}
+    return [dict(zip(REPEATS, (*about, repeat, *error, *spent), strict=True)) for error in errors.items()]
+
+
+def summarise(repeats: pd.DataFrame) -> pd.DataFrame:
+    """Error and cost of every setting over its repeats.
+
+    A repeat draws the same numbers under every setting, so a difference is that of two settings in one
+    repeat, never of two means. The error of a setting is the mean size of its differences: what one run is
+    off by. Its bias is their mean with the sign left on: what no number of runs averages out.
+
+    Parameters
+    ----------
+    repeats : DataFrame
+        As :func:`gather` gives it: a row a setting, repeat and metric.
+
+    Returns
+    -------
+    DataFrame
+        Columns :data:`COLUMNS`, knobs and settings in the order of the repeats. Bounds are 95 % t-intervals,
+        not below 0 for an error, empty for a single repeat; costs are medians. What others are held against
+        has costs alone. ``front``: nothing in the same scene, held against the same, is as cheap and as near
+        and better in one (:func:`front`, CPU seconds).
+    """
+    rows = []
+    keys = ["scene", "knob", "setting", "against", "metric"]
+    for key, group in repeats.groupby(keys, sort=False):
+        values = group["difference"].dropna().to_numpy(float)
+        error = bias = (np.nan,) * 3
+        if len(values):
+            error, bias = (t_interval(v)[1:] for v in (np.abs(values), values))
+        costs = (group[cost].median() for cost in COSTS)
+        rows.append((*key, len(group), error[0], np.maximum(error[1], 0.0), error[2], *bias, *costs, False))
+    table = pd.DataFrame(rows, columns=list(COLUMNS))
+    for _, group in table.groupby(["scene", "against", "metric"], sort=False):
+        group = group[group["error"].notna()]
+        table.loc[group.index, "front"] = front(group["cpu_s"].to_numpy(), group["error"].to_numpy())
+    return table
+
+
+def front(cost: np.ndarray, error: np.ndarray) -> np.ndarray:
+    """Whether each point is on the Pareto front: no other is as cheap and as near, and better in one of them.
+
+    Parameters
+    ----------
+    cost, error : (n,) arrays
+
+    Returns
+    -------
+    (n,) array of bool
+    """
+    cost, error = np.asarray(cost, float), np.asarray(error, float)
+    no_worse = (cost[None] <= cost[:, None]) & (error[None] <= error[:, None])
+    better = (cost[None] < cost[:, None]) | (error[None] < error[:, None])
+    return ~(no_worse & better).any(axis=1)
+
+
+def rounded(table: pd.DataFrame) -> pd.DataFrame:
+    """The table with four significant digits, more than it is good for."""
+    return table.map(lambda v: float(f"{v:.4g}") if isinstance(v, float) else v)
+
+
+def presets_of(table: pd.DataFrame) -> pd.DataFrame:
+    """The rows of :func:`summarise` that say what presets are worth, as they are committed."""
+    rows = table[table["knob"] == PRESETS]
+    kept = ["setting", "metric", "n", "error", "lower", "upper", *COSTS]
+    return rows[kept].rename(columns={"setting": "preset"}).reset_index(drop=True)

@@ -1,0 +1,297 @@
+"""What accuracy costs: paired differences, the front, the pick, and trials on volumes of known truth."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from grainfall import accuracy, config, correlation, flow, network, presets, report
+from grainfall.accuracy import known
+from grainfall.accuracy.figure import accuracy_figure
+from grainfall.errors import InputError
+from grainfall.packing import parameters_of
+
+FREE = known.Cost(1.0, 1.0, 100.0)
+
+
+@pytest.fixture(scope="module")
+def schema(root):
+    return config.load_yaml(root / "workflow/schemas/config.schema.yaml")
+
+
+@pytest.fixture(scope="module")
+def ready(root):
+    """The presets."""
+    return config.load_yaml(root / "config/presets.yaml")
+
+
+def here(work):
+    """Do the work in this process, at no cost."""
+    return work(), FREE
+
+
+def table(metric: str = "k", **rows: tuple) -> list[presets.Choice]:
+    """Presets by (error, upper, cpu_s)."""
+    return [presets.Choice(p, metric, error, upper, 5, cpu_s) for p, (error, upper, cpu_s) in rows.items()]
+
+
+def repeats(differences: dict[str, list[float]], cpu_s: dict[str, float]) -> pd.DataFrame:
+    return pd.DataFrame(
+        [
+            {
+                **{"scene": "packing", "knob": "knob", "setting": s, "against": "finest", "repeat": n},
+                **{"metric": "k", "difference": d, "wall_s": 1.0, "cpu_s": cpu_s[s], "peak_rss_mb": 1.0},
+            }
+            for s, found in differences.items()
+            for n, d in enumerate(found)
+        ]
+    )
+
+
+class TestFront:
+    def test_nothing_on_it_is_dominated_and_all_else_is(self):
+        rng = np.random.default_rng(0)
+        cost, error = rng.integers(0, 12, (2, 60)).astype(float)  # with ties
+        on = accuracy.front(cost, error)
+        for i in range(60):
+            dominated = any(
+                cost[j] <= cost[i] and error[j] <= error[i] and (cost[j], error[j]) != (cost[i], error[i])
+                for j in range(60)
+            )
+            assert on[i] == (not dominated)
+
+    def test_is_a_staircase_from_the_cheapest_to_the_most_accurate(self):
+        cost, error = np.random.default_rng(1).random((2, 40))
+        on = accuracy.front(cost, error)
+        steps = error[on][np.argsort(cost[on])]
+        assert (np.diff(steps) < 0).all()
+        assert on[np.argmin(cost)]
+        assert on[np.argmin(error)]
+
+
+class TestSummary:
+    def test_error_is_of_single_runs_and_bias_of_their_mean(self):
+        """Differences that cancel leave no bias, and an error all the same."""
+        rows = accuracy.summarise(repeats({"a": [0.1, -0.1], "b": [0.1, 0.1]}, {"a": 1, "b": 2}))
+        a, b = rows.to_dict("records")
+        assert (a["error"], a["bias"]) == (pytest.approx(0.1), pytest.approx(0))
+        assert (b["error"], b["bias"]) == (pytest.approx(0.1), pytest.approx(0.1))
+        assert (a["front"], b["front"]) == (True, False)
+
+    def test_interval_is_students(self):
+        values = np.array([0.05, 0.08, 0.11, 0.2])
+        row = accuracy.summarise(repeats({"a": list(values)}, {"a": 1})).iloc[0]
+        half = 3.1824 * values.std(ddof=1) / 2  # t at 0.975 with three degrees of freedom
+        assert row["upper"] == pytest.approx(values.mean() + half, rel=1e-4)
+        assert row["lower"] == pytest.approx(max(0, values.mean() - half), rel=1e-3, abs=1e-9)
+        assert (row["bias_lower"], row["bias_upper"]) == pytest.approx(
+            (values.mean() - half, values.mean() + half), rel=1e-3
+        )
+
+    def test_a_single_run_has_no_interval(self):
+        row = accuracy.summarise(repeats({"a": [0.1]}, {"a": 1})).iloc[0]
+        assert row["n"] == 1
+        assert np.isnan(row["upper"])
+
+    def test_settings_are_paired_by_repeat(self, tmp_path):
+        """Two rocks of different K, a setting 10 % off in both: the error is 10 %, not the rocks' spread."""
+        for sample, k in (("one", 100.0), ("two", 900.0)):
+            for variant, factor in (("coarse", 1.1), ("finest", 1.0)):
+                first = tmp_path / sample / variant / "0/first"
+                first.mkdir(parents=True)
+                (first / "observed.json").write_text(f'{{"porosity": 0.4, "k_md": {k * factor}}}')
+                (first.parent / "benchmarks").mkdir()
+                (first.parent / "benchmarks/first_packing.tsv").write_text(
+                    "s\tmax_rss\tcpu_time\n5.0\t300\t4.0\n"
+                )
+        sweep = {
+            "packing": {"knob": ["coarse"]},
+            "against": "finest",
+            "chance": {},
+            "presets": [],
+            "known": {},
+        }
+        found = accuracy.gather(tmp_path, sweep, ["one", "two"], [])
+        rows = accuracy.summarise(found).set_index(["setting", "metric"])
+        row = rows.loc["coarse", "k"]
+        assert row["n"] == 2
+        assert (row["error"], row["upper"]) == (pytest.approx(0.1), pytest.approx(0.1))
+        assert (row["cpu_s"], row["wall_s"], row["peak_rss_mb"]) == (4.0, 5.0, 300)
+        assert np.isnan(rows.loc["finest", "k"]["error"])
+        assert not rows.loc["finest", "k"]["front"]
+
+
+class TestPick:
+    TABLE = table(draft=(0.1, 0.2, 10.0), standard=(0.05, 0.09, 40.0), reference=(0.03, 0.05, 200.0))
+
+    def test_is_the_cheapest_whose_interval_is_within(self):
+        for tolerance, preset in ((0.3, "draft"), (0.1, "standard"), (0.06, "reference")):
+            chosen = presets.choose("k", tolerance, self.TABLE)
+            assert chosen.preset == preset
+            assert chosen.upper <= tolerance
+            assert all(row.upper > tolerance for row in self.TABLE if row.cpu_s < chosen.cpu_s)
+
+    def test_what_nothing_supports_says_what_the_best_is(self):
+        with pytest.raises(InputError, match=r"within 0\.01.*at least 0\.05.*reference"):
+            presets.choose("k", 0.01, self.TABLE)
+
+    def test_the_tolerance_that_is_suggested_is_kept(self):
+        one = table(one=(0.1, 0.12345, 1.0))
+        with pytest.raises(InputError) as fault:
+            presets.choose("k", 0.01, one)
+        presets.choose("k", float(fault.value.right.split()[2].rstrip(",")), one)
+
+    def test_a_single_run_supports_nothing(self):
+        with pytest.raises(InputError, match="interval"):
+            presets.choose("k", 1.0, table(draft=(0.0, np.nan, 1.0)))
+        with pytest.raises(InputError, match="measured yet"):
+            presets.choose("k", 1.0, [])
+
+    def test_unknown_metric_is_told_the_nearest(self):
+        with pytest.raises(InputError, match="did you mean 'porosity'"):
+            presets.choose("porosty", 0.1, [*self.TABLE, *table("porosity", draft=(0.0, 0.0, 1.0))])
+
+    def test_becomes_the_preset_of_the_config(self):
+        asked = {"accuracy": {"metric": "k", "tolerance": 0.1}, "seed": 3}
+        assert presets.with_accuracy(asked, self.TABLE) == {**asked, "preset": "standard"}
+        with pytest.raises(InputError, match="leave out one"):
+            presets.with_accuracy({**asked, "preset": "draft"}, self.TABLE)
+
+    @pytest.mark.parametrize(
+        "asked",
+        [
+            {"metric": "k"},
+            {"metric": "k", "tolerance": "0.1"},
+            {"metric": "k", "tolerance": 0},
+            {"metric": 3, "tolerance": 1},
+            {"metric": "kk", "tolerance": 1},
+            {"metric": "k", "tolerance": 1e-9},
+            "k",
+        ],
+    )
+    def test_what_cannot_be_is_refused_in_one_line(self, schema, ready, asked):
+        with pytest.raises(InputError, match="accuracy") as fault:
+            config.resolve({"samples": "s.tsv", "accuracy": asked}, schema, ready)
+        assert "\n" not in str(fault.value)
+
+    def test_committed_table_holds_presets_that_exist(self, ready):
+        rows = presets.measured()
+        assert {row.preset for row in rows} <= set(ready)
+        assert {row.metric for row in rows} <= set(presets.METRICS)
+        assert all(0 <= row.error < row.upper and row.cpu_s > 0 for row in rows)
+
+    def test_committed_table_picks_for_a_config(self, schema, ready):
+        """The largest tolerance takes the cheapest preset, whose values the config then has."""
+        cheapest = min((row for row in presets.measured() if row.metric == "k"), key=lambda row: row.cpu_s)
+        whole = config.resolve(
+            {"samples": "s.tsv", "accuracy": {"metric": "k", "tolerance": 100}}, schema, ready
+        )
+        assert whole["preset"] == cheapest.preset
+        own = config.resolve({"samples": "s.tsv", "preset": cheapest.preset}, schema, ready)
+        assert {**whole, "accuracy": None} == own
+
+
+class TestWhatItGot:
+    """The report says what was expected and what came of it."""
+
+    def verdict(self, errors: dict) -> tuple[str, str]:
+        asked = {"metric": "k", "tolerance": 0.1, "expected": 0.05}
+        metrics = report.metrics_table(report.accuracy_values(asked, errors))
+        (judged,) = report.judge(metrics)
+        return judged.status, judged.target
+
+    def test_against_a_reference(self):
+        assert self.verdict({"k": -0.08, "porosity": 0.5}) == ("met", "0.05 (0 to 0.1)")
+        assert self.verdict({"k": 0.11})[0] == "missed"
+
+    def test_without_one_nothing_is_claimed(self):
+        assert self.verdict({"porosity": 0.0})[0] == "not computed"
+
+    def test_tables_say_what_the_volume_says(self):
+        """A twin is judged by the files of its jobs, the study by volumes: they must agree."""
+        pore = known.pack(np.random.default_rng(0), 4, 8)
+        seen = accuracy.observe(pore, 2.0)
+        sizes = network.element_sizes(network.extract(pore, 2.0))
+        by_tables = accuracy.from_tables(
+            correlation.s2_volume(~pore, 2.0), flow.permeability(pore, 2.0), "network", sizes
+        )
+        errors = accuracy.differences(by_tables, seen)
+        assert set(errors) == {"k", "pore_sizes", "s2"}
+        assert all(abs(error) < 1e-12 for error in errors.values())
+
+
+class TestKnownTruths:
+    def test_volumes_match_their_formulas_as_voxels_shrink(self):
+        """Porosity, S2, pore radii and K of touching spheres, wherever between voxels their centres lie."""
+        trials = [known.voxels_per_grain(["5", "20"], np.random.default_rng(n), here) for n in range(6)]
+        found = pd.DataFrame({"setting": t.setting, **t.differences} for one in trials for t in one)
+        error = found.set_index("setting").abs().groupby(level=0).mean()
+        for metric, bound in (("porosity", 0.003), ("s2", 0.004), ("pore_sizes", 0.05), ("k", 0.12)):
+            assert error.loc["20", metric] < bound, metric
+            assert error.loc["20", metric] < error.loc["5", metric], metric
+
+    def test_s2_of_the_formula_is_that_of_the_voxels(self):
+        solid = ~known.spheres(40.0, 1, (0.0, 0.0, 0.0))
+        lag = np.arange(41)
+        counted = [(solid & np.roll(solid, int(h), axis=2)).mean() for h in lag]
+        assert counted == pytest.approx(known.spheres_s2(lag / 40), abs=0.002)
+
+    def test_all_slices_of_a_volume_are_the_volume(self):
+        pore = known.pack(np.random.default_rng(0), 3, 8)
+        exact = dict(zip(("lag_um", "s2"), known.axial_s2(pore, 1.0), strict=True))
+        every = [(axis, i) for axis in range(3) for i in range(24)]
+        found = known._slice_s2(~pore, every)
+        assert accuracy.differences(found, exact)["s2"] < 1e-12
+
+    def test_the_inversion_beats_none_and_more_sections_beat_fewer(self):
+        rng = np.random.default_rng(3)
+        rules = {t.setting: t.differences for t in known.stereology_rule(["none", "adaptive"], rng, here)}
+        assert rules["adaptive"]["grain_sizes"] < 0.5 * rules["none"]["grain_sizes"]
+        few, many = known.sections(["50", "5000"], rng, here)
+        assert many.differences["grain_sizes"] < few.differences["grain_sizes"]
+
+    def test_sections_are_cut_in_proportion_to_size(self):
+        """Mean section radius over mean radius: (pi / 4)(1 + CV^2), CV that of the radii."""
+        cv = known.TRUE_RADII.std() / known.TRUE_RADII.mean()
+        mean = known._sections(200_000, np.random.default_rng(0)).mean() / known.TRUE_RADII.mean()
+        assert mean == pytest.approx(np.pi / 4 * (1 + cv**2), rel=0.003)
+
+    def test_a_setting_is_measured_alone(self):
+        """Its own memory and time, whatever its parent has used."""
+        value, little = known.alone(lambda: 7)
+        _, much = known.alone(lambda: np.ones(30_000_000).sum())
+        assert value == 7
+        assert much.peak_rss_mb - little.peak_rss_mb == pytest.approx(229, abs=40)
+        assert little.cpu_s < 0.05
+
+    def test_one_that_ends_without_an_answer_says_so(self):
+        with pytest.raises(RuntimeError, match="without an answer"):
+            known.alone(lambda: __import__("os")._exit(3))
+
+
+class TestTheStudy:
+    def test_config_names_what_there_is(self, root, schema, ready):
+        study = config.resolve(config.load_yaml(root / "config/cases/accuracy.yaml"), schema, ready)
+        sweep = study["accuracy_sweep"]
+        used = {v for found in sweep["packing"].values() for v in found} | set(sweep["presets"])
+        used |= {sweep["against"], *sweep["chance"], *sweep["chance"].values()}
+        assert used == set(study["variants"])
+        described = schema["properties"]["accuracy_sweep"]["properties"]["known"]["properties"]
+        assert set(described) == set(known.KNOBS)
+
+    def test_preset_variants_pack_as_the_presets_do(self, root, schema, ready):
+        whole = config.resolve(config.load_yaml(root / "config/cases/accuracy.yaml"), schema, ready)
+        for preset in whole["accuracy_sweep"]["presets"]:
+            own = config.resolve({"samples": "s.tsv", "preset": preset}, schema, ready)
+            study = config.variant(whole, preset)
+            poured = [parameters_of(one["packing"], one["effects"]) for one in (study, own)]
+            assert poured[0] == poured[1]
+            assert study["effects"] == own["effects"]
+            assert study["feedback"] == own["feedback"]
+
+    def test_page_draws_what_is_there(self, root):
+        """Half a sweep gives half a page; every setting on a front is named."""
+        sweep = config.load_yaml(root / "config/cases/accuracy.yaml")["accuracy_sweep"]
+        rows = repeats({"coarse": [0.2, 0.3], "fine": [0.05, 0.04]}, {"coarse": 1, "fine": 9})
+        figure = accuracy_figure(accuracy.summarise(rows.assign(knob="together")), sweep)
+        said = [text.get_text() for part in figure.subfigs for axis in part.axes for text in axis.texts]
+        assert said == ["coarse", "fine"]
