@@ -295,3 +295,9 @@ class TestTheStudy:
         figure = accuracy_figure(accuracy.summarise(rows.assign(knob="together")), sweep)
         said = [text.get_text() for part in figure.subfigs for axis in part.axes for text in axis.texts]
         assert said == ["coarse", "fine"]
+
+    def test_drawn_before_anything_has_an_error(self):
+        only = repeats({"finest": [0.0, 0.0]}, {"finest": 1.0}).assign(knob="base", difference=np.nan)
+        sweep = {"packing": {"base": ["finest"]}, "against": "finest", "presets": [], "known": {}}
+        figure = accuracy_figure(accuracy.summarise(only), sweep)
+        assert figure.subfigs[0].axes[0].get_ylim()[0] == 0

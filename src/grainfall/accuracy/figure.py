@@ -167,10 +167,14 @@ def _packing_panel(axis, table: pd.DataFrame, metric: str) -> None:
             axis.axhline(row.error, color="#999999", lw=0.8, ls="--", zorder=0)
     grey = ("#777777", "o")
     _points(axis, rows, lambda row: KNOB_LOOKS.get(row.knob, grey), label=_setting)
-    top = 1.25 * max(rows["error"].max(), chance["error"].max() if len(chance) else 0)
-    axis.set_ylim(0, top)
+    _from_zero(axis, 1.25 * pd.concat([rows["error"], chance["error"]]).max())
     axis.set_title(METRICS[metric].label, fontsize=8)
     axis.set_ylabel(_error(metric), fontsize=7)
+
+
+def _from_zero(axis, top: float) -> None:
+    """An axis from 0; where nothing has an error yet, its end is anywhere."""
+    axis.set_ylim(0, top if top > 0 else None)
 
 
 def _preset_panel(axis, table: pd.DataFrame, metric: str) -> None:
@@ -178,7 +182,7 @@ def _preset_panel(axis, table: pd.DataFrame, metric: str) -> None:
     _points(axis, rows, lambda row: (TWIN_COLOUR, "o"))
     for row in rows.itertuples():
         axis.annotate(row.setting, (row.cpu_s, row.error), (4, 4), textcoords="offset points", fontsize=6.5)
-    axis.set_ylim(0, 1.1 * np.nanmax([rows["error"].max(), rows["upper"].max()]))
+    _from_zero(axis, 1.1 * rows[["error", "upper"]].max(axis=None))
     axis.margins(x=0.3)
     axis.set_title(METRICS[metric].label, fontsize=8)
     axis.set_ylabel(_error(metric), fontsize=7)
