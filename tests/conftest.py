@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
+from grainfall.config import load_yaml
+
 ROOT = Path(__file__).resolve().parents[1]
 
 
@@ -13,6 +15,12 @@ ROOT = Path(__file__).resolve().parents[1]
 def root() -> Path:
     """The repository's root."""
     return ROOT
+
+
+@pytest.fixture(scope="session")
+def schema(root) -> dict:
+    """The JSON schema of the config."""
+    return load_yaml(root / "workflow/schemas/config.schema.yaml")
 
 
 @pytest.fixture(scope="session")

@@ -75,8 +75,8 @@ def test_any_feasible_scene_keeps_the_invariants(
         "region": [2.5, 2.5, 1],
         "margin": 0.25,
         "steps": 20000,
-        # now and then PhysX throws a small grain out from between large ones: 0.07 in one of 23 scenes drawn
-        "energy": 0.2,
+        # now and then PhysX throws a small grain out from between large ones: 0.04 and 0.07 in two of 58
+        "energy": 0.1 if engine == "physx" else hard_scenes.MOST_ENERGY,
     }
     row = hard_scenes.run(scene, engine)
     if row["verdict"] == "refused":

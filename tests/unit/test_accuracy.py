@@ -14,11 +14,6 @@ FREE = known.Cost(1.0, 1.0, 100.0)
 
 
 @pytest.fixture(scope="module")
-def schema(root):
-    return config.load_yaml(root / "workflow/schemas/config.schema.yaml")
-
-
-@pytest.fixture(scope="module")
 def ready(root):
     """The presets."""
     return config.load_yaml(root / "config/presets.yaml")

@@ -16,11 +16,6 @@ from grainfall.packing import Parameters
 
 
 @pytest.fixture(scope="module")
-def schema(root):
-    return config.load_yaml(root / "workflow/schemas/config.schema.yaml")
-
-
-@pytest.fixture(scope="module")
 def sample_schema(root):
     return config.load_yaml(root / "workflow/schemas/samples.schema.yaml")
 
