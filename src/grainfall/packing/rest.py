@@ -150,7 +150,7 @@ def relax(
     rest : float
         Mean way of a body in a window, mean grain radii, below which the bed rests.
     every : bool
-        Whether each single body must be asleep as well. It costs most of the steps where a few grains roll on.
+        Whether each single body must be asleep as well. A few that roll on cost most of the steps.
     progress : callable, optional
         Called with a line of text.
 
@@ -262,8 +262,8 @@ UNSEEN, TRIES = 0.01, 40
 """Depth, radii of the smaller body, from which a pair is drawn apart, and the most steps taken for it."""
 
 PATIENCE, STALLED = 4, 5
-"""Times the windows that a bed is given while some of its bodies are not even asleep, and the number of windows
-of all bodies without less drift than before after which the rest of that is spared it."""
+"""Times the windows that a bed is given while some of its bodies are not even asleep, and the number of
+windows of all bodies without less drift than before after which the rest of that is spared it."""
 
 DAMPING = 0.02
 """Share of its speed that a body loses in a step of the relaxation."""
