@@ -188,6 +188,27 @@ def summary_row(
 # ---- pieces of the metrics
 
 
+def sweep_table(summary: pd.DataFrame, parameters: Mapping[str, Mapping]) -> pd.DataFrame:
+    """What came of every combination of parameters: the summary, with the parameters ahead.
+
+    Parameters
+    ----------
+    summary : DataFrame
+        Columns :data:`SUMMARY_COLUMNS`: a row a twin.
+    parameters : mapping
+        Variant to the values of its dotted config keys; None where the config does not give one.
+
+    Returns
+    -------
+    DataFrame
+        A row a twin: sample, variant, realization, the dotted keys, then the other columns of the summary.
+    """
+    keys = list(dict.fromkeys(key for values in parameters.values() for key in values))
+    given = pd.DataFrame.from_dict(dict(parameters), orient="index", columns=keys)
+    names = ["sample", "variant", "realization"]
+    return summary[names].join(given, on="variant").join(summary.drop(columns=names))
+
+
 def packing_values(
     scene: Mapping,
     deficit: Mapping,
