@@ -11,7 +11,7 @@ import pytest
 TABLES = ("plan", "provenance", "s2_slices", "scene", "summary", "sweep_table", "twin_provenance")
 """Scripts that only read and write tables and JSON."""
 DRAWING = ("accuracy_figure", "paper_figures", "validation_page")
-ON_DEMAND = {
+ON_DEMAND = {"coacd", "matplotlib", "openpnm", "plotly", "porespy", "pybullet", "pyvista", "sapien", "snakemake"}
     "coacd",
     "matplotlib",
     "openpnm",
