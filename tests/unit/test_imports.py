@@ -11,18 +11,7 @@ import pytest
 TABLES = ("plan", "provenance", "s2_slices", "scene", "summary", "sweep_table", "twin_provenance")
 """Scripts that only read and write tables and JSON."""
 DRAWING = ("accuracy_figure", "paper_figures", "validation_page")
-ON_DEMAND = {"coacd", "matplotlib", "openpnm", "plotly", "porespy", "pybullet", "pyvista", "sapien", "snakemake"}
-    "coacd",
-    "matplotlib",
-    "openpnm",
-    "plotly",
-    "porespy",
-    "pybullet",
-    "pyevtk",
-    "pyvista",
-    "sapien",
-    "snakemake",
-}
+ON_DEMAND = {"coacd", "matplotlib", "openpnm", "plotly", "porespy", "pybullet", "pyvista", "sapien"}
 """What a setting or a rule calls for; loaded by the call."""
 NUMERICAL = {"fcl", "networkx", "numba", "skimage", "trimesh"}
 
