@@ -10,7 +10,7 @@ BEREA ?= $(wildcard ../shared/data/berea/berea_400_pore1.tif)
 export BEREA
 CASES := stereology virtual_spheres virtual_spheres_deep berea xct cv_sweep
 
-.PHONY: demo test lint format docs cases validation accuracy accuracy-presets thin-section engines report bench-costs bench-stereology bench-segmentation bench-engines bench-creep bench-packing bench-decomposition bench-network bench-permeability paper-scale hard-cases faults verify clean
+.PHONY: demo test lint format docs cases validation sweep accuracy accuracy-presets thin-section engines report bench-costs bench-stereology bench-segmentation bench-engines bench-creep bench-packing bench-decomposition bench-network bench-permeability paper-scale hard-cases faults verify clean
 
 demo: $(VENV)/.ready  ## the embedded demo, to results/summary.csv and results/report.html
 	$(SNAKEMAKE)
@@ -56,6 +56,9 @@ accuracy: $(VENV)/.ready  ## error against cost of every setting; goes on where 
 
 accuracy-presets: accuracy  ## the same, and what it says of the presets becomes what `accuracy: {metric, tolerance}` goes by
 	cp results/accuracy/presets.csv src/grainfall/presets.csv
+
+sweep: $(VENV)/.ready  ## an example of a sweep: config/sweep.tsv in, results/sweep.csv out
+	$(SNAKEMAKE) --configfile config/cases/sweep.yaml -- results/sweep.csv
 
 verify: $(VENV)/.ready  ## is everything behind the results still as it was? Says what changed; status 1 if anything did
 	$(BIN)/python -m grainfall.provenance

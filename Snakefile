@@ -31,6 +31,7 @@ rule all:
         "results/summary.csv",
         "results/report.html",
         "results/provenance.json",
+        ["results/sweep.csv"] if CONFIG["sweep"] else [],
     localrule: True
 
 

@@ -7,6 +7,7 @@ import csv
 import difflib
 import math
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import yaml
@@ -237,6 +238,8 @@ def resolve(config: dict, schema: dict, presets: dict, where: str = "config") ->
         over = {k: _switched(v) if isinstance(v, dict) else v for k, v in config["variants"].items()}
         config = {**config, "variants": over}
     check(config, schema, where)
+    if config.get("sweep"):
+        config = {**config, "variants": _with_sweep(config, schema)}
     if config.get("accuracy"):
         config = with_accuracy(config, measured(), where)
     preset = config.get("preset", schema["properties"]["preset"]["default"])
@@ -261,8 +264,89 @@ def resolve(config: dict, schema: dict, presets: dict, where: str = "config") ->
 
 
 def variant(whole: dict, name: str) -> dict:
-    """The config as one variant sees it."""
-    return merge(whole, whole["variants"][name])
+    """The config as one variant sees it, without those of the others."""
+    own = {key: value for key, value in whole.items() if key != "variants"}
+    return merge(own, whole["variants"][name])
+
+
+def parameters(whole: dict) -> dict[str, dict]:
+    """What differs between variants: every dotted key that any of them overrides, as each has it.
+
+    Returns
+    -------
+    dict
+        Variant name to dotted key to value; None where the config gives none.
+    """
+    keys = sorted({key for over in whole["variants"].values() for key, _ in _leaves(over or {})})
+    found = {}
+    for name in whole["variants"]:
+        values = dict(_leaves(variant(whole, name)))
+        found[name] = {key: values.get(key) for key in keys}
+    return found
+
+
+def _leaves(content: dict, prefix: str = "") -> Iterator[tuple[str, object]]:
+    """Every value that is no mapping, with its dotted key."""
+    for key, value in content.items():
+        if isinstance(value, dict):
+            yield from _leaves(value, f"{prefix}{key}.")
+        else:
+            yield prefix + key, value
+
+
+def read_sweep(path: str, schema: dict) -> dict[str, dict]:
+    """A table of parameters as variants.
+
+    Parameters
+    ----------
+    path : str
+        TSV sheet with a column ``variant`` and one for each dotted key of the config that differs; in a list,
+        ``;`` stands between its values.
+    schema : dict
+        JSON schema of the config.
+
+    Returns
+    -------
+    dict
+        Variant name to its overrides, as the config's ``variants`` has them; empty cells are left out.
+
+    Raises
+    ------
+    InputError
+        On the first fault of the sheet.
+    """
+    known = dict(_dotted(schema))
+    overrides = {}
+    for name, row in _read_sheet(path, "variant", known).items():
+        overrides[name] = {}
+        for key, value in row.items():
+            if key not in known:
+                near = difflib.get_close_matches(key, known, n=1)
+                hint = f"did you mean '{near[0]}'?" if near else "dotted keys of config/README.md"
+                raise InputError(path, f"unknown column '{key}'", hint)
+            *parents, last = key.split(".")
+            inner = overrides[name]
+            for parent in parents:
+                inner = inner.setdefault(parent, {})
+            inner[last] = value.split(";") if known[key].get("type") == "array" else value
+    return overrides
+
+
+def _dotted(schema: dict, prefix: str = "") -> Iterator[tuple[str, dict]]:
+    """Every dotted key that holds a value, with its schema."""
+    for key, sub in schema["properties"].items():
+        if "properties" in sub:
+            yield from _dotted(sub, f"{prefix}{key}.")
+        else:
+            yield prefix + key, sub
+
+
+def _with_sweep(config: dict, schema: dict) -> dict[str, dict | None]:
+    """The config's own variants, if it names any, and those of its table."""
+    own, rows = config.get("variants") or {}, read_sweep(config["sweep"], schema)
+    if twice := sorted(own.keys() & rows.keys()):
+        raise InputError(config["sweep"], f"variant '{twice[0]}' is in the config, too", "unique names")
+    return {**own, **rows}
 
 
 def synthesis(whole: dict, row: dict, schema: dict, where: str) -> dict:
@@ -357,7 +441,7 @@ def read_samples(samples: str | dict, schema: dict) -> dict[str, dict]:
                 raise InputError(f"{where}: {key}", f"{row!r} is no sample"[:200], "give it as key: value")
             rows[str(key)] = dict(row or {})
     else:
-        where, rows = samples, _read_sheet(samples, schema)
+        where, rows = samples, _read_sheet(samples, "sample", schema["properties"])
     folded: dict[str, str] = {}
     for name, row in rows.items():
         _check_name(name, where, "sample")
@@ -370,8 +454,9 @@ def read_samples(samples: str | dict, schema: dict) -> dict[str, dict]:
     return rows
 
 
-def _read_sheet(path: str, schema: dict) -> dict[str, dict]:
-    text = _read_text(path, "a TSV sample sheet")
+def _read_sheet(path: str, first: str, known: dict[str, dict]) -> dict[str, dict]:
+    """Rows of a TSV sheet by the name in column ``first``, numbers read where the schemas ask for them."""
+    text = _read_text(path, "a TSV sheet")
     # Only a line that begins with # is a comment: a path may have one in it.
     lines = [(n, line) for n, line in enumerate(text.splitlines(), start=1) if line.strip(" \t")]
     lines = [(n, line) for n, line in lines if not line.startswith("#")]
@@ -379,11 +464,11 @@ def _read_sheet(path: str, schema: dict) -> dict[str, dict]:
         cells = [row for (row,) in (list(csv.reader([line], delimiter="\t")) for _, line in lines)]
     except (csv.Error, ValueError) as fault:
         raise InputError(
-            path, f"is not a TSV table ({fault})", "one header line, one row a sample, tabs"
+            path, f"is not a TSV table ({fault})", f"one header line, one row a {first}, tabs"
         ) from None
     header = [cell.strip() for cell in cells[0]] if cells else []
-    if "sample" not in header or len(cells) < 2:
-        raise InputError(path, "has no column 'sample' or no row", "see config/README.md")
+    if first not in header or len(cells) < 2:
+        raise InputError(path, f"has no column '{first}' or no row", "see config/README.md")
     if len(set(header)) < len(header):
         raise InputError(path, "a column stands there twice", "unique columns")
     rows: dict[str, dict] = {}
@@ -395,14 +480,14 @@ def _read_sheet(path: str, schema: dict) -> dict[str, dict]:
                 "a cell a column",
             )
         record = {key: value.strip() for key, value in zip(header, values, strict=False)}
-        name = record.pop("sample", "")
+        name = record.pop(first, "")
         if name in rows:
-            raise InputError(path, f"sample '{name}' stands there twice", "unique names")
+            raise InputError(path, f"{first} '{name}' stands there twice", "unique names")
         row = {key: value for key, value in record.items() if value != ""}
         for key, value in row.items():
-            kind = schema["properties"].get(key, {}).get("type")
-            if kind in ("number", "integer"):
-                row[key] = _number(value, f"{path}: sample {name}: {key}", kind)
+            kinds = known.get(key, {}).get("type", ())
+            for kind in {"number", "integer"} & {*([kinds] if isinstance(kinds, str) else kinds)}:
+                row[key] = _number(value, f"{path}: {first} {name}: {key}", kind)
         rows[name] = row
     return rows
 

@@ -25,7 +25,8 @@ def presets(root):
     return config.load_yaml(root / "config/presets.yaml")
 
 
-def test_every_committed_config_is_valid(root, schema, presets):
+def test_every_committed_config_is_valid(root, schema, presets, monkeypatch):
+    monkeypatch.chdir(root)  # sheets are named from the working directory
     files = [root / "config/config.yaml", *sorted((root / "config/cases").glob("*.yaml"))]
     assert len(files) > 1
     for file in files:
@@ -148,6 +149,63 @@ def test_sheet_and_mapping_agree(tmp_path, sample_schema):
     assert sheet == config.read_samples(mapping, sample_schema)
 
 
+SWEEP = "variant\tpacking.overrides.friction_static\tscene.porosity\tflow.methods\teffects.cement\n"
+
+
+def test_a_sweep_is_the_same_as_variants(tmp_path, schema, presets):
+    path = tmp_path / "sweep.tsv"
+    path.write_text(f"# a comment\n{SWEEP}a\t0.10\t\testimate;network\toff\nb\t\t.4\n")
+    own = {"full": {"scene": {"porosity": 0.3}}}
+    rows = {
+        "a": {
+            "packing": {"overrides": {"friction_static": 0.1}},
+            "flow": {"methods": ["estimate", "network"]},
+            "effects": {"cement": "off"},
+        },
+        "b": {"scene": {"porosity": 0.4}},
+    }
+    base = {"samples": "s.tsv", "variants": own}
+    swept = config.resolve({**base, "sweep": str(path)}, schema, presets)
+    listed = config.resolve({**base, "variants": {**own, **rows}}, schema, presets)
+    assert list(swept["variants"]) == ["full", "a", "b"]
+    assert {**swept, "sweep": None} == listed
+    # alone, the table brings all variants there are
+    assert list(config.resolve({"samples": "s.tsv", "sweep": str(path)}, schema, presets)["variants"]) == [
+        "a",
+        "b",
+    ]
+    assert config.parameters(swept)["b"] == {
+        "effects.cement": "auto",
+        "flow.methods": ["network", "estimate"],
+        "packing.overrides.friction_static": None,
+        "scene.porosity": 0.4,
+    }
+    assert "variants" not in config.variant(swept, "a")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("scene.porosity\n0.4\n", "no column 'variant'"),
+        (SWEEP, "no row"),
+        (SWEEP + "a\tsome\n", "variant a: packing.overrides.friction_static: 'some' is not a number"),
+        (SWEEP + "a\t1\t7\n", "variants.a: scene.porosity"),
+        (SWEEP + "a\t1\t\tguess\n", "one of: estimate"),
+        (SWEEP + "a\t1\na\t2\n", "variant 'a' stands there twice"),
+        (SWEEP + "full\t1\n", "variant 'full' is in the config, too"),
+        (SWEEP + "../a\t1\n", "is no name"),
+        ("variant\tscene.porosty\na\t0.4\n", "did you mean 'scene.porosity'"),
+        ("variant\tstereology.method\na\tnone\n", "cannot differ between variants"),
+    ],
+)
+def test_sweep_mistakes(tmp_path, schema, presets, text, words):
+    (tmp_path / "sweep.tsv").write_text(text)
+    study = {"samples": "s.tsv", "variants": {"full": {}}, "sweep": str(tmp_path / "sweep.tsv")}
+    with pytest.raises(InputError, match=re.escape(words)) as fault:
+        config.resolve(study, schema, presets)
+    assert "\n" not in str(fault.value)
+
+
 def test_phases():
     assert config.parse_phases("pore=0;quartz=128") == {"pore": 0, "quartz": 128}
     assert config.parse_phases("pore;quartz") == ["pore", "quartz"]
@@ -244,7 +302,8 @@ def test_a_slice_names_its_volume(sample_schema, tmp_path):
         config.read_samples({"a": {"kind": "slice", "data": "rock"}}, sample_schema)
 
 
-def test_every_case_is_a_valid_config(root, schema, sample_schema):
+def test_every_case_is_a_valid_config(root, schema, sample_schema, monkeypatch):
+    monkeypatch.chdir(root)
     presets = config.load_yaml(root / "config/presets.yaml")
     for path in sorted((root / "config/cases").glob("*.yaml")):
         whole = config.resolve(config.load_yaml(path), schema, presets)

@@ -30,6 +30,7 @@ from grainfall.report import (
     save_figure,
     section_comparison,
     summary_row,
+    sweep_table,
     verdict,
 )
 
@@ -466,6 +467,23 @@ def test_histograms_of_samples_keep_their_area(tree):
 
 
 # ---- tables
+
+
+def test_a_sweep_has_its_parameters_beside_what_came_of_them():
+    metrics = metrics_table({"porosity": 0.25})
+    rows = [
+        summary_row("s", name, n, "physx", (4, 5, 6), 2.5, metrics, "network")
+        for name in ("rough", "smooth")
+        for n in (0, 1)
+    ]
+    summary = pd.concat(rows, ignore_index=True)
+    parameters = {"smooth": {"scene.porosity": None, "f": 0.1}, "rough": {"scene.porosity": 0.4, "f": 0.8}}
+    table = sweep_table(summary, parameters)
+    assert tuple(table.columns) == (*SUMMARY_COLUMNS[:3], "scene.porosity", "f", *SUMMARY_COLUMNS[3:])
+    assert table["f"].tolist() == [0.8, 0.8, 0.1, 0.1]
+    assert table["scene.porosity"].tolist()[:2] == [0.4, 0.4]
+    assert table["scene.porosity"].isna().tolist() == [False, False, True, True]
+    pd.testing.assert_frame_equal(table[list(SUMMARY_COLUMNS)], summary)
 
 
 def test_summary_row_has_the_columns_of_the_contract():

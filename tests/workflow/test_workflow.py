@@ -176,6 +176,22 @@ def test_second_run_does_nothing(finished):
         write_config(finished, TINY)
 
 
+def test_a_sweep_of_parameters_grows_by_its_rows(finished, tmp_path):
+    folder = shutil.copytree(finished, tmp_path / "sweep")
+    write_config(folder, {**TINY, "sweep": "sweep.tsv"})
+    (folder / "sweep.tsv").write_text("variant\tscene.porosity\nfull\t0.44\n")
+    done = snakemake(folder, "--", "results/sweep.csv")
+    assert done.returncode == 0, done.stdout[-3000:]
+    table = pd.read_csv(folder / "results/sweep.csv")
+    assert table["scene.porosity"].tolist() == [0.44, 0.44]
+    summary = pd.read_csv(finished / "results/summary.csv")
+    pd.testing.assert_frame_equal(table.drop(columns="scene.porosity"), summary)
+    (folder / "sweep.tsv").write_text("variant\tscene.porosity\nfull\t0.44\nloose\t0.46\n")
+    jobs = planned(folder, "--", "results/sweep.csv")
+    assert (jobs["scene"], jobs["first_packing"], jobs["sweep_table"]) == (1, 2, 1)
+    assert not {"synthesise", "morphology", "unfold_sizes", "grain_library", "reference_flow"} & set(jobs)
+
+
 def test_verify_says_what_changed(finished, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(finished)
     assert provenance.main(["results"]) == 0, capsys.readouterr().out

@@ -314,6 +314,7 @@ def data_source(wildcards):
 # ---- the validation cases
 
 
+@cache
 def known_cases():
     """Samples and variants of every case, this config's own in place of its namesake's."""
     studies = [

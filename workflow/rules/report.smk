@@ -123,6 +123,32 @@ rule summary:
         "../../scripts/summary.py"
 
 
+rule sweep_table:
+    input:
+        summary="results/summary.csv",
+    output:
+        report(
+            "results/sweep.csv",
+            category="Summary",
+            caption="../report/sweep.rst",
+            labels={"table": "parameters and what came of them"},
+        ),
+    log:
+        "results/logs/sweep_table.log",
+    benchmark:
+        "results/benchmarks/rules/sweep_table.tsv"
+    conda:
+        ENVS["report"]
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    params:
+        parameters=sheet.parameters(CONFIG),
+        science=science("report.tables"),
+    script:
+        "../../scripts/sweep_table.py"
+
+
 rule twin_provenance:
     input:
         metrics=f"{TWIN}/metrics.csv",

@@ -1,13 +1,13 @@
-"""Grains dropped under gravity by a rigid-body engine: what is poured, how it settles."""
+"""Grains dropped under gravity by a rigid-body engine: what is poured, how it settles.
+
+What moves bodies is loaded when it is asked for: to plan a scene takes neither meshes nor an engine.
+"""
 
 from grainfall.packing.densify import match_density
-from grainfall.packing.deposition import Box, container, deposit
 from grainfall.packing.mixing import Mixture, draw_population, draw_zones, phase_probabilities
 from grainfall.packing.parameters import NAMED, Parameters
 from grainfall.packing.plan import SWITCHES, decide, effects_plan
-from grainfall.packing.rest import RESETTLED, moved_share, settle
 from grainfall.packing.scene import plan_scene
-from grainfall.packing.stages import box_of, pack, pack_again, pack_first, parameters_of, plan_deficit
 from grainfall.packing.tail import PoreTail, pore_tail
 from grainfall.packing.virtual import VirtualSizes, match_porosity, sphere_probability, virtual_sizes
 
@@ -42,3 +42,15 @@ __all__ = [
     "sphere_probability",
     "virtual_sizes",
 ]
+
+
+def __getattr__(name: str):
+    if name in ("Box", "container", "deposit"):
+        import grainfall.packing.deposition as late
+    elif name in ("RESETTLED", "moved_share", "settle"):
+        import grainfall.packing.rest as late
+    elif name in ("box_of", "pack", "pack_again", "pack_first", "parameters_of", "plan_deficit"):
+        import grainfall.packing.stages as late
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(late, name)

@@ -20,6 +20,7 @@ from grainfall.report.tables import (
     resettling_values,
     section_comparison,
     summary_row,
+    sweep_table,
     verdict,
 )
 
@@ -43,6 +44,7 @@ __all__ = [
     "save_figure",
     "section_comparison",
     "summary_row",
+    "sweep_table",
     "verdict",
 ]
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from scipy import stats
+import scipy  # its stats take half a second to load, and do so when they are first used
 
 SUMMARY_COLUMNS = (
     "sample", "variant", "realization", "engine", "n_grains", "voxel_size_um",
@@ -188,6 +188,27 @@ def summary_row(
 # ---- pieces of the metrics
 
 
+def sweep_table(summary: pd.DataFrame, parameters: Mapping[str, Mapping]) -> pd.DataFrame:
+    """What came of every combination of parameters: the summary, with the parameters ahead.
+
+    Parameters
+    ----------
+    summary : DataFrame
+        Columns :data:`SUMMARY_COLUMNS`: a row a twin.
+    parameters : mapping
+        Variant to the values of its dotted config keys; None where the config does not give one.
+
+    Returns
+    -------
+    DataFrame
+        A row a twin: sample, variant, realization, the dotted keys, then the other columns of the summary.
+    """
+    keys = list(dict.fromkeys(key for values in parameters.values() for key in values))
+    given = pd.DataFrame.from_dict(dict(parameters), orient="index", columns=keys)
+    names = ["sample", "variant", "realization"]
+    return summary[names].join(given, on="variant").join(summary.drop(columns=names))
+
+
 def packing_values(
     scene: Mapping,
     deficit: Mapping,
@@ -284,11 +305,11 @@ def section_comparison(
             found[name] = None
             return
         (a, wa), (b, wb) = one, two
-        found[name] = stats.wasserstein_distance(a, b, wa, wb)
+        found[name] = scipy.stats.wasserstein_distance(a, b, wa, wb)
         if rng is not None:
             independent = len(b) if twin_bodies is None else min(len(b), max(1, twin_bodies))
             draws = [
-                stats.wasserstein_distance(
+                scipy.stats.wasserstein_distance(
                     rng.choice(a, len(a), p=wa / wa.sum()), rng.choice(a, independent, p=wa / wa.sum())
                 )
                 for _ in range(repeats)
@@ -406,7 +427,7 @@ def network_values(
     }
     for kind, name in NETWORK_METRICS.items() if reference is not None else ():
         both = len(sizes[kind]) and len(reference[kind])
-        found[name] = stats.wasserstein_distance(sizes[kind], reference[kind]) if both else None
+        found[name] = scipy.stats.wasserstein_distance(sizes[kind], reference[kind]) if both else None
     return found
 
 
@@ -666,7 +687,7 @@ def t_interval(values: np.ndarray) -> tuple[int, float, float, float]:
     n, mean = len(values), float(values.mean())
     if n < 2:
         return n, mean, math.nan, math.nan
-    half = stats.t.ppf(0.975, n - 1) * values.std(ddof=1) / math.sqrt(n)
+    half = scipy.stats.t.ppf(0.975, n - 1) * values.std(ddof=1) / math.sqrt(n)
     return n, mean, mean - half, mean + half
 
 

@@ -1,11 +1,11 @@
-"""The section: a segmented image with its phases and pixel size, read from a file or synthesised."""
+"""The section: a segmented image with its phases and pixel size, read from a file or synthesised.
+
+What makes rocks and tomograms up, or guesses, is loaded when it is asked for.
+"""
 
 from grainfall.section.fetched import plane_of, read_known_volume
-from grainfall.section.guess import guess_kind
 from grainfall.section.read import Section, load_section, read_reference, read_section, write_section
 from grainfall.section.resample import resample
-from grainfall.section.synthetic import Mineral, Truth, synthesise
-from grainfall.section.tomogram import Tomogram, simulate_tomogram
 
 __all__ = [
     "Mineral",
@@ -23,3 +23,15 @@ __all__ = [
     "synthesise",
     "write_section",
 ]
+
+
+def __getattr__(name: str):
+    if name == "guess_kind":
+        import grainfall.section.guess as late
+    elif name in ("Mineral", "Truth", "synthesise"):
+        import grainfall.section.synthetic as late
+    elif name in ("Tomogram", "simulate_tomogram"):
+        import grainfall.section.tomogram as late
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(late, name)
