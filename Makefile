@@ -10,7 +10,7 @@ BEREA ?= $(wildcard ../shared/data/berea/berea_400_pore1.tif)
 export BEREA
 CASES := stereology virtual_spheres virtual_spheres_deep berea xct cv_sweep
 
-.PHONY: demo test lint format docs cases validation sweep accuracy accuracy-presets thin-section engines report bench-costs bench-stereology bench-segmentation bench-engines bench-creep bench-packing bench-decomposition bench-network bench-permeability paper-scale hard-cases faults verify clean
+.PHONY: demo test lint format docs cases validation sweep accuracy accuracy-presets thin-section engines report bench-costs bench-stereology bench-segmentation bench-engines bench-creep bench-packing bench-decomposition bench-overhead bench-needs bench-network bench-permeability paper-scale hard-cases faults verify clean
 
 demo: $(VENV)/.ready  ## the embedded demo, to results/summary.csv and results/report.html
 	$(SNAKEMAKE)
@@ -106,6 +106,12 @@ bench-packing: $(VENV)/.ready  ## hours; goes on where it was stopped
 bench-decomposition: $(VENV)/.ready  ## a section's grains too: make bench-decomposition IMAGE=path/to/instances.npz
 	$(BIN)/python tests/benchmarks/decomposition.py $${IMAGE:+--section "$$IMAGE"} \
 		--out results/benchmarks/decomposition.csv
+
+bench-overhead: $(VENV)/.ready  ## what a job costs beside its work
+	$(BIN)/python tests/benchmarks/job_overhead.py
+
+bench-needs: $(VENV)/.ready  ## what jobs need, from finished runs: make bench-needs RUNS="a b"; CHECK=1 compares only
+	$(BIN)/python tests/benchmarks/needs.py $(RUNS) $(if $(CHECK),--check)
 
 bench-network: $(VENV)/.ready  ## time, memory and topology of network extraction
 	$(BIN)/python tests/benchmarks/network.py --out results/benchmarks/network_speed.csv

@@ -17,6 +17,7 @@ sys.path.insert(0, str(HOUSE / "src"))
 
 from grainfall import config as sheet
 from grainfall import presets, provenance
+from grainfall.cli import needs
 from grainfall.errors import InputError
 from grainfall.export import FORMATS
 from grainfall.lifeline import end_with
@@ -173,6 +174,55 @@ def science(*chapters):
         source = stem / "__init__.py" if stem.is_dir() else stem.with_suffix(".py")
         digest.update(module.encode() + source.read_bytes())
     return digest.hexdigest()[:16]
+
+
+NEEDS = needs.Needs.measured()
+SNAKEMAKES_MB = 500  # on a cluster two of them run beside a job's script
+STOKES_MB = 600  # `elliptic` and `direct`: 1.2 kB a pore voxel, were every other voxel one; per million voxels
+
+
+def need(rule, wildcards):
+    """What a job needs by what such jobs have needed, None where that, or its size, is not known; and its size."""
+    if rule == "synthesise":
+        size = needs.of_shape(SYNTHESES[wildcards.sample]["shape"])
+    else:
+        folder = Path(f"results/{wildcards.sample}")
+        size = needs.size_of(rule, folder, getattr(wildcards, "variant", None))
+    return NEEDS.job(rule, size), size
+
+
+def solves_on_voxels(rule, wildcards):
+    """Whether a job of the rule solves equations on all voxels."""
+    whole = VARIANTS.get(getattr(wildcards, "variant", None), CONFIG)
+    return rule.endswith("flow") and bool(
+        {"elliptic", "direct"} & set(whole["flow"]["methods"])
+    )
+
+
+def memory(otherwise):
+    """A resource function: MB to ask for, by the job's size where that is known; more where it was not enough."""
+
+    def of(wildcards, rulename, attempt):
+        known, size = need(rulename, wildcards)
+        asked = known.mem_mb if known else otherwise
+        if known and solves_on_voxels(rulename, wildcards):
+            asked += STOKES_MB * size["Mvoxel"]
+        beside = 0 if workflow.local_exec else SNAKEMAKES_MB
+        return round(asked * attempt + beside)
+
+    return of
+
+
+def runtime(otherwise):
+    """A resource function: minutes to ask for, as :func:`memory`."""
+
+    def of(wildcards, rulename, attempt):
+        known, _ = need(rulename, wildcards)
+        if known is None or solves_on_voxels(rulename, wildcards):
+            return max(known.runtime_min if known else 0, otherwise) * attempt
+        return known.runtime_min * attempt
+
+    return of
 
 
 def settings(*keys):

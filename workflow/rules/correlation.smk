@@ -13,8 +13,8 @@ rule s2_chunk:
     conda:
         ENVS["analysis"]
     resources:
-        mem_mb=2000,
-        runtime=30,
+        mem_mb=memory(2000),
+        runtime=runtime(30),
     params:
         stream=stream,
         settings=settings("correlation"),
@@ -35,8 +35,8 @@ rule s2_slices:
     conda:
         ENVS["analysis"]
     resources:
-        mem_mb=1000,
-        runtime=5,
+        mem_mb=memory(1000),
+        runtime=runtime(5),
     params:
         science=science("correlation"),
     script:
@@ -55,8 +55,8 @@ rule s2_volume:
     conda:
         ENVS["analysis"]
     resources:
-        mem_mb=4000,
-        runtime=30,
+        mem_mb=memory(4000),
+        runtime=runtime(30),
     params:
         science=science("correlation"),
     script:
@@ -92,8 +92,8 @@ rule s2_envelope:
     conda:
         ENVS["analysis"]
     resources:
-        mem_mb=2000,
-        runtime=10,
+        mem_mb=memory(2000),
+        runtime=runtime(10),
     params:
         stream=stream,
         settings=settings("correlation"),

@@ -16,8 +16,8 @@ rule grain_library:
     conda:
         ENVS["analysis"]
     resources:
-        mem_mb=4000,
-        runtime=60,
+        mem_mb=memory(4000),
+        runtime=runtime(60),
     params:
         stream=stream,
         settings=settings("grains"),

@@ -16,8 +16,8 @@ rule morphology:
     conda:
         ENVS["analysis"]
     resources:
-        mem_mb=4000,
-        runtime=30,
+        mem_mb=memory(4000),
+        runtime=runtime(30),
     params:
         settings=settings("morphology", "section"),
         science=science("morphology"),
@@ -40,8 +40,8 @@ rule measure_slices:
     conda:
         ENVS["analysis"]
     resources:
-        mem_mb=4000,
-        runtime=30,
+        mem_mb=memory(4000),
+        runtime=runtime(30),
     params:
         stream=stream,
         settings=settings("morphology", "correlation"),
@@ -65,8 +65,8 @@ rule section_as_resolved:
     conda:
         ENVS["analysis"]
     resources:
-        mem_mb=4000,
-        runtime=30,
+        mem_mb=memory(4000),
+        runtime=runtime(30),
     params:
         settings=settings("morphology"),
         science=science("morphology"),

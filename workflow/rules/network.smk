@@ -16,8 +16,8 @@ rule network:
     conda:
         ENVS["analysis"]
     resources:
-        mem_mb=6000,
-        runtime=60,
+        mem_mb=memory(6000),
+        runtime=runtime(60),
     params:
         settings=settings("network"),
         science=science("network"),
@@ -54,8 +54,8 @@ rule flow:
     conda:
         ENVS["analysis"]
     resources:
-        mem_mb=8000,
-        runtime=120,
+        mem_mb=memory(8000),
+        runtime=runtime(120),
     params:
         settings=settings("network", "flow"),
         science=science("flow"),
@@ -95,8 +95,8 @@ rule contacts:
     conda:
         ENVS["analysis"]
     resources:
-        mem_mb=3000,
-        runtime=60,
+        mem_mb=memory(3000),
+        runtime=runtime(60),
     params:
         settings=settings("contacts", "packing", "effects"),
         science=science("contacts"),
@@ -118,8 +118,8 @@ rule resettling:
     conda:
         ENVS["packing"]
     resources:
-        mem_mb=4000,
-        runtime=120,
+        mem_mb=memory(4000),
+        runtime=runtime(120),
     params:
         settings=settings("packing", "effects"),
         science=science("packing", "volume", "correlation"),

@@ -15,8 +15,8 @@ rule scene:
     conda:
         ENVS["analysis"]
     resources:
-        mem_mb=1000,
-        runtime=5,
+        mem_mb=memory(1000),
+        runtime=runtime(5),
     params:
         row=sample_row,
         settings=settings("scene", "effects"),
@@ -43,8 +43,8 @@ rule first_packing:
     conda:
         ENVS["packing"]
     resources:
-        mem_mb=3000,
-        runtime=240,
+        mem_mb=memory(3000),
+        runtime=runtime(240),
     params:
         stream=stream,
         settings=settings("packing", "effects"),
@@ -69,8 +69,8 @@ rule deficit:
     conda:
         ENVS["analysis"]
     resources:
-        mem_mb=3000,
-        runtime=30,
+        mem_mb=memory(3000),
+        runtime=runtime(30),
     params:
         stream=stream,
         settings=settings(
@@ -104,8 +104,8 @@ rule second_packing:
     conda:
         ENVS["packing"]
     resources:
-        mem_mb=4000,
-        runtime=480,
+        mem_mb=memory(4000),
+        runtime=runtime(480),
     params:
         stream=stream,
         settings=settings("packing", "effects", "feedback"),

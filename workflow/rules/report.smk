@@ -43,8 +43,8 @@ rule plan:
     conda:
         ENVS["report"]
     resources:
-        mem_mb=1000,
-        runtime=5,
+        mem_mb=memory(1000),
+        runtime=runtime(5),
     params:
         asked=ASKED,
         science=science("packing"),
@@ -89,8 +89,8 @@ rule metrics:
     conda:
         ENVS["analysis"]
     resources:
-        mem_mb=2000,
-        runtime=10,
+        mem_mb=memory(2000),
+        runtime=runtime(10),
     params:
         stream=stream,
         settings=settings("packing", "flow", "correlation"),
@@ -219,8 +219,8 @@ rule figure:
     conda:
         ENVS["report"]
     resources:
-        mem_mb=3000,
-        runtime=10,
+        mem_mb=memory(3000),
+        runtime=runtime(10),
     params:
         caption=figure_caption,
         science=science("report"),

@@ -20,8 +20,8 @@ rule synthesise:
     conda:
         ENVS["analysis"]
     resources:
-        mem_mb=4000,
-        runtime=30,
+        mem_mb=memory(4000),
+        runtime=runtime(30),
     params:
         stream=stream,
         row=sample_row,

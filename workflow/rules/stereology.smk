@@ -15,8 +15,8 @@ rule unfold_sizes:
     conda:
         ENVS["analysis"]
     resources:
-        mem_mb=2000,
-        runtime=30,
+        mem_mb=memory(2000),
+        runtime=runtime(30),
     params:
         stream=stream,
         settings=settings("stereology"),

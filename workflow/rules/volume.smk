@@ -15,8 +15,8 @@ rule packed_volume:
     conda:
         ENVS["analysis"]
     resources:
-        mem_mb=4000,
-        runtime=30,
+        mem_mb=memory(4000),
+        runtime=runtime(30),
     params:
         stream=stream,
         science=science("volume"),
@@ -42,8 +42,8 @@ rule twin:
     conda:
         ENVS["analysis"]
     resources:
-        mem_mb=4000,
-        runtime=60,
+        mem_mb=memory(4000),
+        runtime=runtime(60),
     params:
         stream=stream,
         settings=settings("effects", "feedback"),

@@ -1,0 +1,156 @@
+"""What one job needs of a machine, from what such jobs have needed: a fit to needs.csv (`make bench-needs`).
+
+Memory and CPU time of a job are a start, large for what it imports, and a share for every voxel or grain.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from grainfall import io
+
+TABLE = files("grainfall.cli") / "needs.csv"
+
+PER = {"Mvoxel": 1e6, "kgrain": 1e3}
+"""Units of size: million voxels (or pixels of a section), thousand grains."""
+
+POURED = 0.65
+"""Solid fraction of a bed from wall to wall, for the number of its grains."""
+
+VOLUMES = dict.fromkeys(("reference_network", "reference_flow", "reference_s2"), "reference.zarr.zip")
+"""Whose jobs' size is not that of the section, but of another volume of the sample."""
+
+FULL = 0.85
+"""Share of the memory asked for that the hungriest measured job of a rule uses."""
+
+SLOWER = 4.0
+"""Time asked for over the measured: another machine, other work on it."""
+
+SHORTEST_MIN = 10
+"""Time asked for at least: it costs nothing to ask for, and a busy file system may take it."""
+
+
+@dataclass(frozen=True)
+class Need:
+    """What to ask for: memory in MB, time in minutes."""
+
+    mem_mb: int
+    runtime_min: int
+
+
+class Needs:
+    """The fit.
+
+    Parameters
+    ----------
+    table : DataFrame
+        A row a rule: rule, per (a key of :data:`PER`), start_mb, mb, start_s, s (memory and CPU seconds: at
+        size 0, and for each unit of size).
+    """
+
+    def __init__(self, table: pd.DataFrame):
+        self.table = table.set_index("rule")
+
+    @classmethod
+    def measured(cls) -> Needs:
+        """The fit that comes with the package."""
+        with TABLE.open() as file:
+            return cls(pd.read_csv(file))
+
+    def job(self, rule: str, size: Mapping[str, float]) -> Need | None:
+        """What a job of a rule needs, or None where nothing is known of it.
+
+        Parameters
+        ----------
+        rule : str
+        size : mapping
+            Unit to size of the job, in that unit; empty where it is not known.
+        """
+        if rule not in self.table.index:
+            return None
+        row = self.table.loc[rule]
+        if row["per"] not in size:
+            return None
+        memory = row["start_mb"] + row["mb"] * size[row["per"]]
+        seconds = row["start_s"] + row["s"] * size[row["per"]]
+        return Need(math.ceil(memory / FULL), max(SHORTEST_MIN, math.ceil(SLOWER * seconds / 60)))
+
+
+def size_of(rule: str, sample: str | Path, variant: str | None = None) -> dict[str, float]:
+    """Size of a rule's jobs, from what earlier jobs have written.
+
+    Parameters
+    ----------
+    rule : str
+    sample : path
+        The sample's folder of results.
+    variant : str, optional
+        Of a twin's jobs.
+
+    Returns
+    -------
+    dict
+        Unit (:data:`PER`) to size; empty where nothing is written yet that would tell.
+    """
+    if variant is not None:
+        scene = Path(sample) / variant / "scene.json"
+        return of_scene(io.read_json(scene)) if scene.exists() else {}
+    volume = Path(sample) / VOLUMES.get(rule, "section.zarr.zip")
+    if not volume.exists():
+        return {}
+    with io.open_volume(volume) as (array, _):
+        return of_shape(array.shape)
+
+
+def of_scene(scene: Mapping) -> dict[str, float]:
+    """Voxels of a twin's region, as ``plan_scene`` lays it out; grains in it and in the margin around it."""
+    side = scene["edge_um"] + 2 * scene["margin_um"]
+    grains = POURED * side**3 / float(np.dot(scene["probabilities"], scene["mean_volumes_um3"]))
+    return of_shape(scene["shape_zyx"]) | {"kgrain": grains / PER["kgrain"]}
+
+
+def of_shape(shape: Sequence[int]) -> dict[str, float]:
+    """Elements of an array of this shape."""
+    return {"Mvoxel": math.prod(shape) / PER["Mvoxel"]}
+
+
+def fit(runs: pd.DataFrame, per: Mapping[str, str]) -> pd.DataFrame:
+    """The table behind :class:`Needs`.
+
+    Parameters
+    ----------
+    runs : DataFrame
+        A row a job: rule, a column for each unit of size, peak_rss_mb, cpu_s.
+    per : mapping
+        Rule to the unit that its need grows with.
+
+    Returns
+    -------
+    DataFrame
+        As :class:`Needs` takes it: lines of least squares, with neither a negative start nor a negative
+        share, raised to the hungriest job.
+    """
+    from scipy.optimize import nnls  # for the fit alone: every Snakemake loads this module
+
+    rows = []
+    for rule, unit in per.items():
+        jobs = runs[runs["rule"] == rule].dropna(subset=[unit])
+        if jobs.empty:
+            continue
+        largest = jobs.groupby(unit, as_index=False)[["peak_rss_mb", "cpu_s"]].max()
+        matrix = np.column_stack([np.ones(len(largest)), largest[unit]])
+        row = {"rule": rule, "per": unit}
+        for column, (start, share) in {"peak_rss_mb": ("start_mb", "mb"), "cpu_s": ("start_s", "s")}.items():
+            # relative errors count: a small job asks for little
+            line, _ = nnls(matrix / largest[[column]].to_numpy(), np.ones(len(largest)))
+            line *= (largest[column] / (matrix @ line)).max()
+            row[start], row[share] = line
+        rows.append(row)
+    return pd.DataFrame(rows).round(3)
