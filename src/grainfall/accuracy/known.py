@@ -19,6 +19,7 @@ from scipy import stats
 from grainfall import correlation, flow, network, random, stereology
 from grainfall.accuracy.observe import axial_s2, differences, observe, relative_distance
 from grainfall.section import Mineral, synthesise
+from grainfall.volume import coarsen as joined
 
 ZICK_HOMSY = 42.1
 """Drag over 6 pi mu a U of touching spheres in a simple cubic array (Zick & Homsy 1982)."""
@@ -215,6 +216,19 @@ def voxels_per_grain(settings: Sequence[str], rng: np.random.Generator, run: Run
         yield Trial(setting, "formula", differences(found, exact), cost)
 
 
+def coarsen(settings: Sequence[str], rng: np.random.Generator, run: Run) -> Iterator[Trial]:
+    """Pore radii and K of a pack of 32 voxels a grain, some of them joined before the network is measured."""
+    fine = pack(rng, 4, 32)
+
+    def seen(factor: int) -> dict:
+        pore = joined(fine, factor)
+        found = network.extract(pore, float(factor))
+        k = flow.permeability(pore, float(factor), network=found).k_md.mean()
+        return {"k_md": k, "pore_radius_um": network.element_sizes(found)["pore_radius_um"]}
+
+    yield from _against("1", {s: run(lambda s=s: seen(int(s))) for s in settings})
+
+
 def _shapes(pore: np.ndarray, voxel: float) -> dict:
     """Porosity, S2 along x and pore radii of a periodic volume."""
     table = correlation.s2_volume(~pore, voxel, periodic=True, radial=False)
@@ -329,6 +343,7 @@ KNOBS: dict[str, Callable[..., Iterator[Trial]]] = {
     "flow_tier": flow_tier,
     "network_method": network_method,
     "voxels_per_grain": voxels_per_grain,
+    "coarsen": coarsen,
     "grains_across": grains_across,
     "realizations": realizations,
     "slices": slices,
