@@ -1,4 +1,4 @@
-"""Results on storage elsewhere, by Snakemake's own providers: the same bytes, none in the working directory."""
+"""Results on storage elsewhere, by Snakemake's own providers: the same bytes, none in the working folder."""
 
 import shutil
 
