@@ -16,6 +16,7 @@ with stage(snakemake) as progress:
         packing.box_of(scene),
         packing.parameters_of(settings["packing"], settings["effects"]),
         rest=packing.RESETTLED,
+        every=False,  # porosity and S2 do not wait for the last grain
         progress=progress,
     )
     before, after = (

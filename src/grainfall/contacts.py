@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
-from scipy.optimize import nnls
+import scipy  # its optimisers load when they are first used
 from scipy.spatial import ConvexHull, cKDTree
 from scipy.spatial.transform import Rotation
 
@@ -383,7 +383,9 @@ def _nearest_weights(points: np.ndarray) -> np.ndarray:
 
     Non-negative least squares of (points, 1) w = (0, 1) has that solution up to its scale.
     """
-    weights, _ = nnls(np.vstack([points.T, np.ones(len(points))]), np.array([0.0, 0.0, 0.0, 1.0]))
+    weights, _ = scipy.optimize.nnls(
+        np.vstack([points.T, np.ones(len(points))]), np.array([0.0, 0.0, 0.0, 1.0])
+    )
     return weights / weights.sum()
 
 

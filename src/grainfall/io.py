@@ -14,12 +14,14 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+import lazy_loader
 import numpy as np
 import pandas as pd
-import zarr
 
 from grainfall import __version__
 from grainfall.errors import InputError
+
+zarr = lazy_loader.load("zarr")  # a third of a second, for jobs that open a volume
 
 CHUNK = 128
 ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)

@@ -24,8 +24,8 @@ from grainfall.errors import InputError
 # fmt: off
 PACKAGES = (
     "numpy", "scipy", "numba", "pandas", "pillow", "scikit-image", "tifffile", "zarr", "trimesh", "edt",
-    "jsonschema", "pyyaml", "sapien", "pybullet", "porespy", "openpnm", "python-fcl", "coacd", "pyarrow",
-    "pyevtk", "pyvista",
+    "jsonschema", "pyyaml", "lazy-loader", "sapien", "pybullet", "porespy", "openpnm", "python-fcl", "coacd",
+    "pyarrow", "pyevtk", "pyvista",
 )
 # fmt: on
 """What results are computed with: the core of pyproject.toml and its extras packing and analysis."""

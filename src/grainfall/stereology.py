@@ -17,8 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from scipy.optimize import minimize, nnls
-from scipy.special import gammainc
+import scipy  # its parts load when they are first used
 
 from grainfall.errors import InputError
 
@@ -279,7 +278,9 @@ def _paper(radii: np.ndarray, weights: np.ndarray, edges_um: np.ndarray | None, 
 
     def solve(w: np.ndarray) -> np.ndarray:
         target = np.concatenate([_histogram(radii, w, edges), np.zeros(len(singular))])
-        return _density(nnls(np.vstack([matrix, np.sqrt(penalty) * identity]), target)[0], edges)
+        return _density(
+            scipy.optimize.nnls(np.vstack([matrix, np.sqrt(penalty) * identity]), target)[0], edges
+        )
 
     penalty = min(singular[0] * np.logspace(-8, -2, 25), key=gcv)
     return _Inversion(edges, solve(weights), solve, float(penalty))
@@ -303,7 +304,7 @@ def _tikhonov(radii: np.ndarray, weights: np.ndarray, edges_um: np.ndarray | Non
 
     def solve(w: np.ndarray, penalty: float) -> np.ndarray:
         system = np.vstack([matrix, np.sqrt(penalty) * rough])
-        return nnls(system, np.concatenate([shares(w), np.zeros(len(rough))]))[0]
+        return scipy.optimize.nnls(system, np.concatenate([shares(w), np.zeros(len(rough))]))[0]
 
     def held_out(penalty: float) -> float:
         score = 0.0
@@ -405,7 +406,7 @@ class _Sieve:
     def _numbers(self, log_mean: np.ndarray, log_cv: np.ndarray) -> np.ndarray:
         """Particle numbers (bins, k) of gamma components, scaled to the same chance of being cut."""
         shape = np.exp(-2.0 * log_cv)
-        below = gammainc(shape, shape * np.exp(-log_mean) * self._inner[:, None])
+        below = scipy.special.gammainc(shape, shape * np.exp(-log_mean) * self._inner[:, None])
         numbers = np.diff(below, axis=0)
         return numbers / (self._middle @ numbers)
 
@@ -444,7 +445,9 @@ class _Sieve:
 
         bounds = [(-12.0, 12.0)] * (k - 1) + [self._bounds[0]] * k + [self._bounds[1]] * k
         options = {"maxiter": iterations}
-        found = minimize(loss, theta, jac=True, bounds=bounds, method="L-BFGS-B", options=options)
+        found = scipy.optimize.minimize(
+            loss, theta, jac=True, bounds=bounds, method="L-BFGS-B", options=options
+        )
         # Never below Akaike's price of 2 a parameter, where log log n means little.
         price = 2.0 * max(1.0, np.log(max(np.log(self.sections), 1.0)))
         return _Fit(float(2.0 * found.fun + price * len(theta)), found.x)

@@ -34,14 +34,15 @@ SCENE = {
     "realizations": 1,
     "stereology": {"bootstrap": 5},
     "grains": {"shapes_per_phase": 6},
-    "scene": {"edge_um": 62.0, "margin_grains": 1.0, "porosity": 0.44},
+    "scene": {"edge_um": 59.0, "margin_grains": 0.5, "porosity": 0.44},
     # a checkpoint every few steps: a killed packing goes on in the middle
     "packing": {"overrides": {"checkpoint_steps": 100}},
     "correlation": {"slices": 4, "envelope_slices": 19, "chunks": 1},
     "contacts": {"resettled": 0},
     "flow": {"methods": ["estimate"]},
 }
-TARGET = "results/summary.csv"
+LEGS = "results/s/full/0/first/bodies.csv", "results/s/full/0/twin.zarr.zip", "results/summary.csv"
+"""Targets that one folder is brought to, one after the other."""
 
 
 def section():
@@ -65,7 +66,7 @@ def prepare(folder, config=SCENE):
     return folder
 
 
-def start(folder, target=TARGET, *arguments, cores=2):
+def start(folder, target=LEGS[-1], *arguments, cores=2):
     """Snakemake as a user starts it, in a process group of its own, its words in ``said.log``."""
     command = [
         sys.executable,
@@ -86,7 +87,7 @@ def start(folder, target=TARGET, *arguments, cores=2):
         )
 
 
-def run(folder, target=TARGET, *arguments, cores=2):
+def run(folder, target=LEGS[-1], *arguments, cores=2):
     """Run to the end; exit status and what was said."""
     status = start(folder, target, *arguments, cores=cores).wait(timeout=600)
     return status, (folder / "said.log").read_text()
@@ -134,20 +135,27 @@ def litter(folder):
 
 
 def study(numbers, seed, work, say=print):
-    """A row for each of these kills: what was killed, when, and what a plain rerun made of it."""
-    clean = prepare(work / "clean")
-    began = time.monotonic()
-    status, said = run(clean)
-    if status:
-        raise SystemExit(said[-3000:])
-    whole_s, wanted = time.monotonic() - began, outputs(clean)
-    say(f"undisturbed: {whole_s:.1f} s")
+    """A row for each of these kills: what was killed, when, and what a plain rerun made of it.
+
+    Runs take turns: one from nothing to the first packing, one that goes on to the twin, one to the summary.
+    """
+    clean, whole_s, wanted = prepare(work / "clean"), [], []
+    for leg, target in enumerate(LEGS):
+        shutil.copytree(clean, work / f"before{leg}", symlinks=True)
+        began = time.monotonic()
+        status, said = run(clean, target)
+        if status:
+            raise SystemExit(said[-3000:])
+        whole_s.append(time.monotonic() - began)
+        wanted.append(outputs(clean))
+    say("undisturbed: " + ", ".join(f"{s:.1f} s" for s in whole_s))
     for number in numbers:
         whom, outlived = "worker" if number % 3 == 2 else "group", None
+        leg = number // 3 % len(LEGS)
         while outlived is None:
-            folder = prepare(work / f"{number}")
-            moment = random.Random(seed + number).uniform(0, whole_s)
-            began, process = time.monotonic(), start(folder)
+            folder = shutil.copytree(work / f"before{leg}", work / f"{number}", symlinks=True)
+            moment = random.Random(seed + number).uniform(0, whole_s[leg])
+            began, process = time.monotonic(), start(folder, LEGS[leg])
             with contextlib.suppress(subprocess.TimeoutExpired):
                 process.wait(timeout=moment)
             while whom == "worker" and process.poll() is None and not children(process.pid):
@@ -155,16 +163,19 @@ def study(numbers, seed, work, say=print):
             outlived = kill(process, whom)
             process.wait(timeout=600)
             if outlived is None:  # it had ended: runs are shorter by now (the first one compiles)
-                whole_s = time.monotonic() - began
+                whole_s[leg] = time.monotonic() - began
                 shutil.rmtree(folder)
         done = sum(1 for path in (folder / "results").rglob("*") if path.is_file())
         left = len(litter(folder))
         began = time.monotonic()
-        status, said = run(folder)
+        status, said = run(folder, LEGS[leg])
         found = outputs(folder) if status == 0 else {}
-        different = [name for name in wanted.keys() | found.keys() if wanted.get(name) != found.get(name)]
+        names = wanted[leg].keys() | found.keys()
+        different = [name for name in names if wanted[leg].get(name) != found.get(name)]
         row = {
             "kill": number,
+            "target": LEGS[leg],
+            "run_s": round(whole_s[leg], 1),
             "killed": whom,
             "outlived": len(outlived),
             "at_s": round(moment, 2),

@@ -81,6 +81,18 @@ def test_a_ball_collides_as_a_sphere_and_an_ellipsoid_does_not():
         assert (len(shape.parts) == 0) == (kind == "sphere")
 
 
+def test_any_grain_collides_as_the_sphere_of_its_volume_where_that_is_asked_for(ell):
+    plain, ball = (
+        collision_shape(*ell, Parameters(collision_shape=wanted), cut(*ell)[0])
+        for wanted in ("auto", "sphere")
+    )
+    assert ball.kind == "sphere"
+    assert ball.parts == ()
+    assert ball.bound == pytest.approx((3 * 3 / (4 * np.pi)) ** (1 / 3))
+    assert ball.inertia == pytest.approx(plain.inertia)
+    assert ball.hull_excess == plain.hull_excess
+
+
 @pytest.mark.parametrize(
     ("figures", "kind"),
     [

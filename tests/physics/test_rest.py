@@ -148,6 +148,18 @@ def test_a_last_moving_grain_does_not_keep_the_others_awake():
     assert 1 <= min(moving) < len(together) / 4
 
 
+def test_a_check_need_not_wait_for_the_last_grain():
+    """The same bed judged by its mean drift alone: at rest, and sooner."""
+    bed = deposit(supply(), NoShapes, BOX, Parameters.named(), np.random.default_rng(1))
+    late = spheres([[150, 150, bed["z"].max() + 150]]).assign(id=len(bed))
+    both = pd.concat([bed, late], ignore_index=True)
+    reports = [
+        settle(both, NoShapes, BOX, Parameters.named(), rest=0.05, every=every)[1] for every in (True, False)
+    ]
+    assert all(report["at_rest"] and report["drift_mean"] < 0.05 for report in reports)
+    assert reports[1]["steps"] < reports[0]["steps"]
+
+
 def test_around_a_body():
     row = Bed.of(spheres([[0, 0, 0], [99, 0, 0], [201, 0, 0]]), NoShapes, BOX, Parameters.named())
     assert row.around(np.array([True, False, False])).tolist() == [True, True, False]

@@ -33,7 +33,7 @@ KNOB_LOOKS: dict[str, tuple[str, str]] = {
     "solver_iterations": (FIRST, "s"),
     "hull_vertices": (TWIN_COLOUR, "^"),
     "contact_points": (TRUTH, "D"),
-    "decomposition": (MINERALS[1], "v"),
+    "collision_shape": (MINERALS[1], "v"),
     "engine": (PORE_CIRCLE, "P"),
     "together": (MINERALS[2], "X"),
 }

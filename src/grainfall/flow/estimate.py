@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from skimage.measure import label
+import skimage  # its parts load when they are first used
 
 from grainfall.units import um2_to_millidarcy
 
@@ -16,7 +16,7 @@ FACE_TO_SURFACE = 2.0 / 3.0
 
 def percolates(pore: np.ndarray) -> tuple[bool, bool, bool]:
     """Whether pore voxels connected by faces lead through the volume along x, y, z."""
-    clusters = label(np.asarray(pore).astype(bool), connectivity=1)
+    clusters = skimage.measure.label(np.asarray(pore).astype(bool), connectivity=1)
     return tuple(
         bool(np.intersect1d(clusters.take(0, axis), clusters.take(-1, axis)).any()) for axis in (2, 1, 0)
     )

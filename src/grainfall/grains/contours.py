@@ -7,8 +7,8 @@ the radius of the circle of equal area, about the mask's centre. u runs along co
 from __future__ import annotations
 
 import numpy as np
-from scipy import ndimage
-from skimage import measure
+import scipy
+import skimage  # parts of both load when they are first used
 
 MIN_PIXELS = 16
 """Smallest usable mask: below it, the pixels rather than the grain make the shape."""
@@ -49,19 +49,19 @@ def mask_contour(mask: np.ndarray) -> np.ndarray:
         Where the mask is empty, a speck or a line.
     """
     mask = np.pad(np.asarray(mask, dtype=bool), 1)
-    pieces, count = ndimage.label(mask)
+    pieces, count = scipy.ndimage.label(mask)
     if count == 0:
         raise Unusable("empty mask")
     if count > 1:
         mask = pieces == 1 + np.argmax(np.bincount(pieces.ravel())[1:])
-    mask = ndimage.binary_fill_holes(mask)
+    mask = scipy.ndimage.binary_fill_holes(mask)
     pixels = int(mask.sum())
     if pixels < MIN_PIXELS:
         raise Unusable(f"only {pixels} pixels, fewer than {MIN_PIXELS}")
     width = min(np.ptp(np.flatnonzero(mask.any(axis=a))) + 1 for a in (0, 1))
     if width < MIN_WIDTH:
         raise Unusable(f"only {width} pixels wide, fewer than {MIN_WIDTH}")
-    (line,) = measure.find_contours(mask, 0.5)
+    (line,) = skimage.measure.find_contours(mask, 0.5)
     contour = line[:-1, ::-1] * (1.0, -1.0)  # rows run down, v runs up
     if polygon_moments(contour)[0] < 0:
         contour = contour[::-1]
@@ -77,7 +77,7 @@ def _smoothed(contour: np.ndarray) -> np.ndarray:
     n = max(16, int(4 * along[-1]))
     even = np.arange(n) * along[-1] / n
     points = np.column_stack([np.interp(even, along, closed[:, k]) for k in (0, 1)])
-    return ndimage.gaussian_filter1d(points, SMOOTHING_PX * n / along[-1], axis=0, mode="wrap")
+    return scipy.ndimage.gaussian_filter1d(points, SMOOTHING_PX * n / along[-1], axis=0, mode="wrap")
 
 
 def polygon_moments(polygon: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
@@ -188,7 +188,7 @@ def best_centre(contour: np.ndarray) -> tuple[np.ndarray, float]:
     low = contour.min(axis=0)
     step = np.ptp(contour, axis=0).max() / 256
     grid = _raster(contour, low - step, step, np.ceil(np.ptp(contour, axis=0) / step).astype(int) + 3)
-    distance = ndimage.distance_transform_edt(grid)
+    distance = scipy.ndimage.distance_transform_edt(grid)
     row, column = np.unravel_index(np.argmax(distance), grid.shape)
     moved = contour - (low - step + step * (np.array([column, row]) + 0.5))
     other = star_overlap(moved)

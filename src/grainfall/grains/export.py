@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+import lazy_loader
 import numpy as np
 import pandas as pd
-import trimesh
 from scipy.spatial.transform import Rotation
 
 from grainfall import io
 from grainfall.errors import InputError
 from grainfall.grains.library import Library
+
+trimesh = lazy_loader.load("trimesh")  # 0.3 s, for jobs that make or write meshes
 
 PHASE_COLOURS = (
     (0xD8, 0xB3, 0x65),

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import lazy_loader
 import numpy as np
 import pandas as pd
-import trimesh
 from scipy.spatial import ConvexHull
 
 from grainfall import io
@@ -24,6 +24,8 @@ from grainfall.grains.shape import (
     unit_contour,
 )
 from grainfall.morphology import grain_masks
+
+trimesh = lazy_loader.load("trimesh")  # 0.3 s, for jobs that make or write meshes
 
 SPHERE = -1
 """Shape id of a sphere, which is in no library."""

@@ -22,10 +22,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cache
 
+import lazy_loader
 import numpy as np
-import trimesh
 
 from grainfall.grains import contours as ct
+
+trimesh = lazy_loader.load("trimesh")  # 0.3 s, for jobs that make or write meshes
 
 _MASKS = ((0, 1), (0, 2), (1, 2))  # the axes (u, v) of the masks xy, xz, yz
 _RESOLUTION = 48  # points around the equator

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
-from skimage.measure import regionprops, regionprops_table
+import skimage  # its parts load when they are first used
 
 from grainfall.errors import InputError
 
@@ -79,7 +79,7 @@ def measure_grains(
     labels = np.asarray(labels)
     shape = "centroid area bbox axis_major_length axis_minor_length perimeter_crofton solidity orientation"
     properties = ["label", *shape.split(), "coords"] + (["intensity_mean"] if grey is not None else [])
-    found = regionprops_table(labels, intensity_image=grey, properties=properties)
+    found = skimage.measure.regionprops_table(labels, intensity_image=grey, properties=properties)
     first = np.array([c[0] for c in found["coords"]], dtype=np.intp).reshape(-1, 2)
     rows, columns = labels.shape
     top, left, bottom, right = (found[f"bbox-{i}"] for i in range(4))
@@ -129,5 +129,5 @@ def grain_masks(labels: np.ndarray, table: pd.DataFrame) -> list[np.ndarray]:
         In the order of the table's rows with ``border`` false, each with a rim of one empty pixel and with
         its holes filled.
     """
-    images = {region.label: region.image_filled for region in regionprops(labels)}
+    images = {region.label: region.image_filled for region in skimage.measure.regionprops(labels)}
     return [np.pad(images[grain], 1) for grain in table.loc[~table["border"], "grain"]]

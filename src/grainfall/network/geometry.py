@@ -18,8 +18,8 @@ All in voxels here; coordinates are (x, y, z). What is measured how:
 from __future__ import annotations
 
 import numpy as np
+import skimage  # its parts load when they are first used
 from numba import njit
-from skimage.measure import label
 
 from grainfall.network.partition import Partition, surroundings
 from grainfall.network.topology import Interfaces
@@ -92,7 +92,7 @@ def measure_openings(parts: Partition) -> list[dict[str, np.ndarray]]:
         for side in (0, 1):
             pores = parts.labels.take(-side, axis)
             squared = parts.squared_distance.take(-side, axis)
-            patches = label(pores, background=0, connectivity=1)
+            patches = skimage.measure.label(pores, background=0, connectivity=1)
             n = int(patches.max())
             pore, area, rim, peak, mean = _patches(parts.labels, axis, side, patches, squared, n)
             spot = _nearest_in_patches(patches, squared, peak, mean)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
-from skimage.measure import label
+import skimage
 
 from grainfall.network.elements import LENGTH_POWER, Network
 from grainfall.network.geometry import CIRCLE
@@ -35,11 +35,11 @@ def snow2(pore: np.ndarray, voxel_size_um: float, *, sigma: float = 0.4, r_max: 
         image = np.repeat(image, repeat, axis=axis)
     with _quiet_porespy() as porespy:
         snow = porespy.filters.snow_partitioning(image, sigma=sigma, r_max=r_max)
-        components = label(image, connectivity=1)
+        components = skimage.measure.label(image, connectivity=1)
         marked = np.zeros(components.max() + 1, bool)
         marked[components[snow.peaks > 0]] = True
         parts = np.where(marked[components], snow.regions.astype(np.int64), snow.regions.max() + components)
-        regions = label(parts * image, connectivity=1)
+        regions = skimage.measure.label(parts * image, connectivity=1)
         n_interior = int(regions.max())
         regions = porespy.networks.add_boundary_regions(regions, pad_width=width)
         padded = np.pad(image, width, mode="edge").astype(np.uint8)

@@ -65,6 +65,9 @@ class Parameters:
         vertices packed to 0.625(2), 0.636(3) and 0.644(3). And a coarse hull is not the grain: largest
         overlaps of the true hulls were 0.09 of the smaller radius at 48 vertices, 0.04 at 96. A
         step costs about as the number of vertices.
+    collision_shape : {"auto", "sphere"}
+        ``sphere``: every grain collides as the sphere of its volume, which is quick and shows what its shape
+        is worth (``make accuracy``); ``auto``: as what it is (:func:`grainfall.packing.shapes.choose_kind`).
     decomposition : {"auto", "on", "off"}
         Whether grains collide as several convex parts: where their hull's excess calls for it, all that the
         library has pieces of, or none.
@@ -104,6 +107,7 @@ class Parameters:
     contact_breaking: float = 0.02
     solver_iterations: int = 20
     hull_vertices: int = 64
+    collision_shape: str = "auto"
     decomposition: str = "auto"
     hull_excess: float = 0.1
     contact_offset: float = 0.02
@@ -251,6 +255,7 @@ CHOICES = {
     "engine": ("physx", "bullet"),
     "inertia": ("exact", "paper"),
     "contact_manifold": ("full", "persistent"),
+    "collision_shape": ("auto", "sphere"),
     "decomposition": ("auto", "on", "off"),
 }
 

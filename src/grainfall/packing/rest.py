@@ -27,6 +27,7 @@ def settle(
     *,
     windows: int | None = None,
     rest: float = AT_REST,
+    every: bool = True,
     taps: int = 0,
     progress: Callable[[str], None] | None = None,
 ) -> tuple[pd.DataFrame, dict]:
@@ -45,6 +46,8 @@ def settle(
         Most windows of :data:`WINDOW` steps; ``parameters.rest_windows`` if omitted.
     rest : float
         Mean way of a body in a window, mean grain radii, below which the bed rests.
+    every : bool
+        Whether each single body must be asleep as well.
     taps : int
         Times that the bed is shaken first.
     progress : callable, optional
@@ -64,7 +67,7 @@ def settle(
     before = bed.position.copy()
     for _ in range(taps):
         shake(bed)
-    report = relax(bed, windows=windows, rest=rest, progress=progress)
+    report = relax(bed, windows=windows, rest=rest, every=every, progress=progress)
     moved = np.linalg.norm(bed.position - before, axis=1)
     table = bed.table(report.pop("asleep_each"))
     table["id"] = bodies["id"].to_numpy()
@@ -123,6 +126,7 @@ def relax(
     *,
     windows: int | None = None,
     rest: float = AT_REST,
+    every: bool = True,
     progress: Callable[[str], None] | None = None,
 ) -> dict:
     """Let a bed come to rest with all its bodies free, in finer steps than it was poured in.
@@ -145,6 +149,8 @@ def relax(
         Most windows of :data:`WINDOW` steps of all bodies; ``bed.parameters.rest_windows`` if omitted.
     rest : float
         Mean way of a body in a window, mean grain radii, below which the bed rests.
+    every : bool
+        Whether each single body must be asleep as well. A few that roll on cost most of the steps.
     progress : callable, optional
         Called with a line of text.
 
@@ -190,19 +196,23 @@ def relax(
     everybody = np.ones(len(bed), bool)
     spent = 0.0  # windows of all bodies
     quiet = False
+    drifts: list[float] = []
     while True:
         judged = quiet or spent >= windows - 1
         _draw_apart(bed, fine)
         velocity = bed.velocity.copy()
         way = window(everybody, 0.0 if judged else DAMPING)
         spent += 1
+        drifts.append(way.mean())
         awake = ~asleep(way)
-        still = not awake.any()
+        still = not (every and awake.any())
+        stalled = min(drifts[-STALLED:]) >= min(drifts[:-STALLED], default=np.inf)
         ended = still and (way.mean() < rest or spent >= windows)
-        if judged and (spent >= PATIENCE * windows or (ended and not _overlooked(bed))):
+        given_up = spent >= PATIENCE * windows or (spent >= windows and stalled)
+        if judged and (given_up or (ended and not _overlooked(bed))):
             break
         quiet = way[~awake].sum() < rest * len(bed)
-        while quiet and awake.any() and spent < PATIENCE * windows:
+        while every and quiet and awake.any() and spent < PATIENCE * windows:
             free = bed.around(awake)
             spent += free.mean()
             awake = ~asleep(window(free, DAMPING))
@@ -251,8 +261,9 @@ def _overlooked(bed: Bed) -> bool:
 UNSEEN, TRIES = 0.01, 40
 """Depth, radii of the smaller body, from which a pair is drawn apart, and the most steps taken for it."""
 
-PATIENCE = 4
-"""Times the windows that a bed is given while some of its bodies are not even asleep."""
+PATIENCE, STALLED = 4, 5
+"""Times the windows that a bed is given while some of its bodies are not even asleep, and the number of
+windows of all bodies without less drift than before after which the rest of that is spared it."""
 
 DAMPING = 0.02
 """Share of its speed that a body loses in a step of the relaxation."""

@@ -72,7 +72,12 @@ def unit_sphere() -> CollisionShape:
 
 
 def choose_kind(
-    hull_excess: float, hull_deviation: float, sphere_deviation: float, decomposition: str, tolerance: float
+    hull_excess: float,
+    hull_deviation: float,
+    sphere_deviation: float,
+    decomposition: str,
+    tolerance: float,
+    wanted: str = "auto",
 ) -> tuple[str, str]:
     """Whether a grain collides as a sphere, as one hull or as convex parts.
 
@@ -89,12 +94,16 @@ def choose_kind(
     decomposition : {"auto", "on", "off"}
     tolerance : float
         Excess above which ``auto`` decomposes.
+    wanted : {"auto", "sphere"}
+        ``sphere`` takes one whatever the grain looks like.
 
     Returns
     -------
     kind : {"sphere", "hull", "parts"}
     reason : str
     """
+    if wanted == "sphere":
+        return "sphere", f"spheres are asked for; within {sphere_deviation:.4f} radii of one"
     if sphere_deviation <= min(SPHERE_DEVIATION, hull_deviation):
         return "sphere", f"within {sphere_deviation:.4f} radii of a sphere, its hull {hull_deviation:.4f}"
     if decomposition == "on":
@@ -206,6 +215,7 @@ def collision_shape(
         sphere_deviation,
         parameters.decomposition,
         parameters.hull_excess,
+        parameters.collision_shape,
     )
     if kind == "sphere":
         parts, excess = (), 0.0

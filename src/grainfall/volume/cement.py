@@ -7,8 +7,8 @@ import time
 import edt
 import numpy as np
 import pandas as pd
+import scipy  # its transforms load when they are first used
 from numba import njit
-from scipy.ndimage import distance_transform_edt
 
 from grainfall.volume.measures import porosity
 from grainfall.volume.scan import Meshes, voxelise
@@ -209,5 +209,5 @@ def _nearest(body: np.ndarray, reach: int, start: int, stop: int) -> np.ndarray:
     """Body of the nearest solid voxel on planes from start to stop, right within ``reach`` voxels of it."""
     first = max(0, start - reach)
     part = body[first : stop + reach]
-    index = distance_transform_edt(part == 0, return_distances=False, return_indices=True)
+    index = scipy.ndimage.distance_transform_edt(part == 0, return_distances=False, return_indices=True)
     return part[tuple(index[:, start - first : stop - first])]
