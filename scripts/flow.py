@@ -3,20 +3,20 @@
 import pandas as pd
 from _stage import stage
 
-from grainfall import flow, io, network
+from grainfall import flow, io, network, volume
 
 settings = snakemake.params.settings
 extraction, conductance = settings["network"], settings["flow"]["conductance"]
 
 with stage(snakemake) as progress:
     phase, attributes = io.read_volume(snakemake.input.volume, "phase")
-    pore = phase == 0
+    pore = volume.coarsen(phase == 0, extraction["coarsen"])
     del phase
     found = network.load(snakemake.input.pores, snakemake.input.throats)
     tables = [
         flow.permeability(
             pore,
-            attributes["voxel_size_um"],
+            attributes["voxel_size_um"] * extraction["coarsen"],
             method,
             conductance="pyramids" if extraction["method"] == "snow2" else conductance,
             network=found,

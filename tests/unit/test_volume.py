@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 from skimage import measure
 
 from grainfall import volume
-from grainfall.volume import measures
+from grainfall.errors import InputError
+from grainfall.volume import coarsen, measures
 
 
 def library_of(*meshes, normalise=True):
@@ -389,3 +390,27 @@ def test_vti_opens_in_vtk(tmp_path):
     assert image.GetSpacing() == (2.5, 2.5, 2.5)
     read = vtk_to_numpy(image.GetCellData().GetArray("phase")).reshape(4, 5, 6)
     np.testing.assert_array_equal(read, array)
+
+
+@pytest.mark.parametrize("factor", [1, 2, 3])
+def test_coarsening_keeps_what_is_coarse(factor):
+    rng = np.random.default_rng(factor)
+    coarse = rng.random((5, 6, 7)) < 0.4
+    fine = coarse.repeat(factor, 0).repeat(factor, 1).repeat(factor, 2)
+    assert (coarsen(fine, factor) == coarse).all()
+    left_over = np.pad(fine, [(0, factor - 1)] * 3)
+    assert (coarsen(left_over, factor) == coarse).all()
+
+
+@pytest.mark.parametrize("factor", [2, 3])
+def test_coarsening_takes_no_side(factor):
+    """Of even odds nothing comes but even odds; and no axis is preferred."""
+    pore = np.random.default_rng(1).random((60, 66, 72)) < 0.5
+    coarse = coarsen(pore, factor)
+    assert coarse.mean() == pytest.approx(0.5, abs=4 * 0.5 / coarse.size**0.5)
+    assert (coarsen(pore.transpose(2, 0, 1), factor) == coarse.transpose(2, 0, 1)).all()
+
+
+def test_more_blocks_than_voxels_is_one_line():
+    with pytest.raises(InputError, match="4 is more than a volume of 3 x 9 x 9 has"):
+        coarsen(np.ones((3, 9, 9), bool), 4)

@@ -20,7 +20,7 @@ rule network:
         runtime=runtime(60),
     params:
         settings=settings("network"),
-        science=science("network"),
+        science=science("network", "volume"),
     script:
         "../../scripts/network.py"
 
@@ -58,7 +58,7 @@ rule flow:
         runtime=runtime(120),
     params:
         settings=settings("network", "flow"),
-        science=science("flow"),
+        science=science("flow", "volume"),
     script:
         "../../scripts/flow.py"
 
