@@ -186,8 +186,11 @@ def need(rulename, wildcards):
     if rulename == "synthesise":
         size = needs.of_shape(SYNTHESES[wildcards.sample]["shape"])
     else:
-        folder = Path(f"results/{wildcards.sample}")
-        size = needs.size_of(rulename, folder, getattr(wildcards, "variant", None))
+        folder, variant = Path(f"results/{wildcards.sample}"), getattr(
+            wildcards, "variant", None
+        )
+        coarsen = VARIANTS.get(variant, CONFIG)["network"]["coarsen"]
+        size = needs.size_of(rulename, folder, variant, coarsen)
     return NEEDS.job(rulename, size), size
 
 
