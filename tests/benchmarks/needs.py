@@ -48,6 +48,14 @@ def rule_of(stem: str) -> str:
     return stem
 
 
+def coarsened(folder: Path) -> int:
+    """Voxels along an axis that became one for the network of a twin or a reference, by the job's record."""
+    for record in (folder / "logs/network.json", folder / "logs/reference_network.json"):
+        if record.exists():
+            return io.read_json(record)["parameters"]["settings"]["network"].get("coarsen", 1)
+    return 1
+
+
 def jobs_of(folder: Path) -> pd.DataFrame:
     """Every job of a finished run: run, rule, its size in each unit, peak_rss_mb, cpu_s, wall_s."""
     rows = []
@@ -63,7 +71,7 @@ def jobs_of(folder: Path) -> pd.DataFrame:
                 io.read_json(sample / "logs/synthesise.json")["parameters"]["rock"]["shape"]
             )
         else:
-            size = needs.size_of(rule, sample, variant)
+            size = needs.size_of(rule, sample, variant, coarsened(file.parents[1]))
         used = {"peak_rss_mb": measured["max_rss"], "cpu_s": measured["cpu_time"], "wall_s": measured["s"]}
         rows.append({"run": str(folder), "rule": rule, **dict.fromkeys(needs.PER), **size, **used})
     return pd.DataFrame(rows).astype(dict.fromkeys(needs.PER, float))

@@ -59,6 +59,8 @@ def test_sizes_come_from_what_is_written(tmp_path):
     io.write_json(tmp_path / "full/scene.json", scene)
     grains = needs.POURED * 100**3 / 200 / 1000
     assert needs.size_of("twin", tmp_path, "full") == {"Mvoxel": 2.0, "kgrain": pytest.approx(grains)}
+    assert needs.size_of("flow", tmp_path, "full", coarsen=2)["Mvoxel"] == 0.25
+    assert needs.size_of("twin", tmp_path, "full", coarsen=2)["Mvoxel"] == 2.0
     phase = np.zeros((4, 5, 6), np.uint8)
     with io.create_volume(
         tmp_path / "reference.zarr.zip", phase.shape, {"phase": "uint8"}, 1.0, {}

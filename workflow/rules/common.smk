@@ -181,20 +181,23 @@ SNAKEMAKES_MB = 500  # on a cluster two of them run beside a job's script
 STOKES_MB = 600  # `elliptic` and `direct`: 1.2 kB a pore voxel, were every other voxel one; per million voxels
 
 
-def need(rule, wildcards):
+def need(rulename, wildcards):
     """What a job needs by what such jobs have needed, None where that, or its size, is not known; and its size."""
-    if rule == "synthesise":
+    if rulename == "synthesise":
         size = needs.of_shape(SYNTHESES[wildcards.sample]["shape"])
     else:
-        folder = Path(f"results/{wildcards.sample}")
-        size = needs.size_of(rule, folder, getattr(wildcards, "variant", None))
-    return NEEDS.job(rule, size), size
+        folder, variant = Path(f"results/{wildcards.sample}"), getattr(
+            wildcards, "variant", None
+        )
+        coarsen = VARIANTS.get(variant, CONFIG)["network"]["coarsen"]
+        size = needs.size_of(rulename, folder, variant, coarsen)
+    return NEEDS.job(rulename, size), size
 
 
-def solves_on_voxels(rule, wildcards):
-    """Whether a job of the rule solves equations on all voxels."""
+def solves_on_voxels(rulename, wildcards):
+    """Whether a job solves equations on all voxels."""
     whole = VARIANTS.get(getattr(wildcards, "variant", None), CONFIG)
-    return rule.endswith("flow") and bool(
+    return rulename.endswith("flow") and bool(
         {"elliptic", "direct"} & set(whole["flow"]["methods"])
     )
 

@@ -36,6 +36,9 @@ SLOWER = 4.0
 SHORTEST_MIN = 10
 """Time asked for at least: it costs nothing to ask for, and a busy file system may take it."""
 
+COARSENED = ("network", "flow")
+"""How rules end that may work on blocks of voxels."""
+
 
 @dataclass(frozen=True)
 class Need:
@@ -83,7 +86,7 @@ class Needs:
         return Need(math.ceil(memory / FULL), max(SHORTEST_MIN, math.ceil(SLOWER * seconds / 60)))
 
 
-def size_of(rule: str, sample: str | Path, variant: str | None = None) -> dict[str, float]:
+def size_of(rule: str, sample: str | Path, variant: str | None = None, coarsen: int = 1) -> dict[str, float]:
     """Size of a rule's jobs, from what earlier jobs have written.
 
     Parameters
@@ -93,6 +96,8 @@ def size_of(rule: str, sample: str | Path, variant: str | None = None) -> dict[s
         The sample's folder of results.
     variant : str, optional
         Of a twin's jobs.
+    coarsen : int
+        Voxels along an axis that become one for network and flow.
 
     Returns
     -------
@@ -101,12 +106,15 @@ def size_of(rule: str, sample: str | Path, variant: str | None = None) -> dict[s
     """
     if variant is not None:
         scene = Path(sample) / variant / "scene.json"
-        return of_scene(io.read_json(scene)) if scene.exists() else {}
-    volume = Path(sample) / VOLUMES.get(rule, "section.zarr.zip")
-    if not volume.exists():
-        return {}
-    with io.open_volume(volume) as (array, _):
-        return of_shape(array.shape)
+        size = of_scene(io.read_json(scene)) if scene.exists() else {}
+    else:
+        volume, size = Path(sample) / VOLUMES.get(rule, "section.zarr.zip"), {}
+        if volume.exists():
+            with io.open_volume(volume) as (array, _):
+                size = of_shape(array.shape)
+    if size and rule.endswith(COARSENED):
+        size["Mvoxel"] /= coarsen**3
+    return size
 
 
 def of_scene(scene: Mapping) -> dict[str, float]:
