@@ -11,9 +11,10 @@ import subprocess
 import sys
 import tempfile
 import time
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
+import psutil
 import pytest
 from outputs import outputs
 
@@ -67,6 +68,14 @@ def daemon(*command, folder, environment):
             process.wait(timeout=30)
 
 
+def end_strays(environment):
+    """End what cancelled jobs have left: Slurm loses sight of a process whose parent is gone."""
+    for process in psutil.process_iter():
+        with suppress(psutil.Error):
+            if process.environ().get("SLURM_CONF") == environment["SLURM_CONF"]:
+                process.kill()
+
+
 @pytest.fixture(scope="module")
 def slurm():
     """Environment of the commands of a Slurm of one node with two cores, without accounting."""
@@ -96,6 +105,7 @@ def slurm():
         text = CONFIG.format(host=host, folder=folder, ports=free_ports(2))
         (folder / "slurm.conf").write_text(text)
         own = {"folder": folder, "environment": environment}
+        stack.callback(end_strays, environment)
         files = {"key-file": "key", "socket": "socket", "pid-file": "pid", "seed-file": "seed"}
         named = [f"--{option}={folder}/munge.{end}" for option, end in files.items()]
         stack.enter_context(daemon("munged", "--foreground", "--force", *named, **own))
