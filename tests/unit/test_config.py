@@ -1,6 +1,7 @@
 """A user's mistake in the config or the sheet is one line that says where and what would be right."""
 
 import dataclasses
+import importlib.metadata
 import re
 import string
 import tomllib
@@ -9,6 +10,7 @@ import pytest
 import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from packaging.specifiers import SpecifierSet
 
 from grainfall import config
 from grainfall.errors import InputError
@@ -273,6 +275,14 @@ def test_environments_are_in_step(root):
         env = yaml.safe_load((root / f"envs/{group}.yaml").read_text())
         listed = next(d["pip"] for d in env["dependencies"] if isinstance(d, dict))
         assert set(listed) == pins
+
+
+def test_what_is_locked_runs_on_any_python_3_11(root):
+    """Debian 12 has 3.11.2: a package that wants 3.11.5 cannot be installed there."""
+    pins = [line for line in (root / "requirements.lock").read_text().splitlines() if "==" in line]
+    wants = {pin: importlib.metadata.metadata(pin.split("==")[0])["Requires-Python"] for pin in pins}
+    assert len(wants) > 100
+    assert [pin for pin, want in wants.items() if "3.11.0" not in SpecifierSet(want or "")] == []
 
 
 def test_no_download_address_is_locked(root):
