@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import psutil
 import yaml
 from PIL import Image
 
@@ -95,8 +96,9 @@ def run(folder, target=LEGS[-1], *arguments, cores=2):
 
 def children(pid):
     """Ids of the processes that a process started and that still run."""
-    listed = subprocess.run(["ps", "--ppid", str(pid), "-o", "pid="], capture_output=True, text=True)
-    return [int(n) for n in listed.stdout.split()]
+    with contextlib.suppress(psutil.NoSuchProcess):
+        return [child.pid for child in psutil.Process(pid).children()]
+    return []
 
 
 def kill(process, whom):
