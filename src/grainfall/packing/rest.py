@@ -196,20 +196,16 @@ def relax(
     everybody = np.ones(len(bed), bool)
     spent = 0.0  # windows of all bodies
     quiet = False
-    drifts: list[float] = []
     while True:
         judged = quiet or spent >= windows - 1
         _draw_apart(bed, fine)
         velocity = bed.velocity.copy()
         way = window(everybody, 0.0 if judged else DAMPING)
         spent += 1
-        drifts.append(way.mean())
         awake = ~asleep(way)
         still = not (every and awake.any())
-        stalled = min(drifts[-STALLED:]) >= min(drifts[:-STALLED], default=np.inf)
         ended = still and (way.mean() < rest or spent >= windows)
-        given_up = spent >= PATIENCE * windows or (spent >= windows and stalled)
-        if judged and (given_up or (ended and not _overlooked(bed))):
+        if judged and (spent >= PATIENCE * windows or (ended and not _overlooked(bed))):
             break
         quiet = way[~awake].sum() < rest * len(bed)
         while every and quiet and awake.any() and spent < PATIENCE * windows:
@@ -261,9 +257,8 @@ def _overlooked(bed: Bed) -> bool:
 UNSEEN, TRIES = 0.01, 40
 """Depth, radii of the smaller body, from which a pair is drawn apart, and the most steps taken for it."""
 
-PATIENCE, STALLED = 4, 5
-"""Times the windows that a bed is given while some of its bodies are not even asleep, and the number of
-windows of all bodies without less drift than before after which the rest of that is spared it."""
+PATIENCE = 4
+"""Times the windows that a bed is given while some of its bodies are not even asleep."""
 
 DAMPING = 0.02
 """Share of its speed that a body loses in a step of the relaxation."""
