@@ -77,3 +77,13 @@ def test_the_table_that_comes_with_it_grows_with_size():
         small, large = (asking.job(rule, {row["per"]: size}) for size in (0.01, 1000.0))
         assert 0 < small.mem_mb <= large.mem_mb < math.inf, rule
         assert small.runtime_min <= large.runtime_min, rule
+
+
+@pytest.mark.parametrize("content", ["", "{}", "[1]", '{"edge_um": "wide"}'])
+def test_what_is_damaged_has_no_size(tmp_path, content):
+    """The job that needs it says what is wrong with it."""
+    for path in ("section.zarr.zip", "full/scene.json"):
+        (tmp_path / path).parent.mkdir(exist_ok=True)
+        (tmp_path / path).write_text(content)
+    assert needs.size_of("morphology", tmp_path) == {}
+    assert needs.size_of("twin", tmp_path, "full") == {}

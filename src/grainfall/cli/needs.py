@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -15,6 +16,7 @@ import numpy as np
 import pandas as pd
 
 from grainfall import io
+from grainfall.errors import InputError
 
 TABLE = files("grainfall.cli") / "needs.csv"
 
@@ -102,16 +104,19 @@ def size_of(rule: str, sample: str | Path, variant: str | None = None, coarsen: 
     Returns
     -------
     dict
-        Unit (:data:`PER`) to size; empty where nothing is written yet that would tell.
+        Unit (:data:`PER`) to size; empty where nothing is written yet that would tell, or what is written is
+        damaged: the job that needs it will say so.
     """
-    if variant is not None:
-        scene = Path(sample) / variant / "scene.json"
-        size = of_scene(io.read_json(scene)) if scene.exists() else {}
-    else:
-        volume, size = Path(sample) / VOLUMES.get(rule, "section.zarr.zip"), {}
-        if volume.exists():
-            with io.open_volume(volume) as (array, _):
-                size = of_shape(array.shape)
+    size = {}
+    with suppress(InputError, KeyError, TypeError, ValueError):
+        if variant is not None:
+            scene = Path(sample) / variant / "scene.json"
+            size = of_scene(io.read_json(scene)) if scene.exists() else {}
+        else:
+            volume = Path(sample) / VOLUMES.get(rule, "section.zarr.zip")
+            if volume.exists():
+                with io.open_volume(volume) as (array, _):
+                    size = of_shape(array.shape)
     if size and rule.endswith(COARSENED):
         size["Mvoxel"] /= coarsen**3
     return size
