@@ -10,13 +10,13 @@ extraction, conductance = settings["network"], settings["flow"]["conductance"]
 
 with stage(snakemake) as progress:
     phase, attributes = io.read_volume(snakemake.input.volume, "phase")
-    pore = volume.coarsen(phase == 0, extraction["coarsen"])
+    pore, voxel_size_um = volume.coarsen(phase == 0, attributes["voxel_size_um"], extraction["coarsen"])
     del phase
     found = network.load(snakemake.input.pores, snakemake.input.throats)
     tables = [
         flow.permeability(
             pore,
-            attributes["voxel_size_um"] * extraction["coarsen"],
+            voxel_size_um,
             method,
             conductance="pyramids" if extraction["method"] == "snow2" else conductance,
             network=found,

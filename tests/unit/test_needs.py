@@ -8,6 +8,7 @@ import pytest
 
 from grainfall import io
 from grainfall.cli import needs
+from grainfall.packing.scene import POURED
 
 
 def runs(memory, seconds, sizes=(0.1, 1.0, 10.0)):
@@ -57,7 +58,7 @@ def test_sizes_come_from_what_is_written(tmp_path):
     }
     (tmp_path / "full").mkdir()
     io.write_json(tmp_path / "full/scene.json", scene)
-    grains = needs.POURED * 100**3 / 200 / 1000
+    grains = POURED * 100**3 / 200 / 1000
     assert needs.size_of("twin", tmp_path, "full") == {"Mvoxel": 2.0, "kgrain": pytest.approx(grains)}
     assert needs.size_of("flow", tmp_path, "full", coarsen=2)["Mvoxel"] == 0.25
     assert needs.size_of("twin", tmp_path, "full", coarsen=2)["Mvoxel"] == 2.0

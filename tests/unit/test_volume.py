@@ -397,20 +397,23 @@ def test_coarsening_keeps_what_is_coarse(factor):
     rng = np.random.default_rng(factor)
     coarse = rng.random((5, 6, 7)) < 0.4
     fine = coarse.repeat(factor, 0).repeat(factor, 1).repeat(factor, 2)
-    assert (coarsen(fine, factor) == coarse).all()
+    seen, voxel = coarsen(fine, 2.0, factor)
+    assert (seen == coarse).all()
+    assert voxel == 2 * factor
     left_over = np.pad(fine, [(0, factor - 1)] * 3)
-    assert (coarsen(left_over, factor) == coarse).all()
+    assert (coarsen(left_over, 2.0, factor)[0] == coarse).all()
 
 
 @pytest.mark.parametrize("factor", [2, 3])
 def test_coarsening_takes_no_side(factor):
     """Of even odds nothing comes but even odds; and no axis is preferred."""
     pore = np.random.default_rng(1).random((60, 66, 72)) < 0.5
-    coarse = coarsen(pore, factor)
+    coarse, _ = coarsen(pore, 1.0, factor)
     assert coarse.mean() == pytest.approx(0.5, abs=4 * 0.5 / coarse.size**0.5)
-    assert (coarsen(pore.transpose(2, 0, 1), factor) == coarse.transpose(2, 0, 1)).all()
+    turned, _ = coarsen(pore.transpose(2, 0, 1), 1.0, factor)
+    assert (turned == coarse.transpose(2, 0, 1)).all()
 
 
 def test_more_blocks_than_voxels_is_one_line():
     with pytest.raises(InputError, match="4 is more than a volume of 3 x 9 x 9 has"):
-        coarsen(np.ones((3, 9, 9), bool), 4)
+        coarsen(np.ones((3, 9, 9), bool), 1.0, 4)

@@ -221,9 +221,9 @@ def coarsen(settings: Sequence[str], rng: np.random.Generator, run: Run) -> Iter
     fine = pack(rng, 4, 32)
 
     def seen(factor: int) -> dict:
-        pore = joined(fine, factor)
-        found = network.extract(pore, float(factor))
-        k = flow.permeability(pore, float(factor), network=found).k_md.mean()
+        pore, voxel = joined(fine, 1.0, factor)
+        found = network.extract(pore, voxel)
+        k = flow.permeability(pore, voxel, network=found).k_md.mean()
         return {"k_md": k, "pore_radius_um": network.element_sizes(found)["pore_radius_um"]}
 
     yield from _against("1", {s: run(lambda s=s: seen(int(s))) for s in settings})

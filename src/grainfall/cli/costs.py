@@ -13,6 +13,8 @@ from importlib.resources import files
 import numpy as np
 import pandas as pd
 
+from grainfall.packing import poured_grains
+
 TABLE = files("grainfall.cli") / "costs.csv"
 SOURCE = "src/grainfall/cli/costs.csv, measured by make bench-costs"
 
@@ -99,9 +101,7 @@ class Costs:
         scene : dict
             As :func:`grainfall.packing.plan_scene` lays it out.
         """
-        side = scene["edge_um"] + 2 * scene["margin_um"]
-        volume = float(np.dot(scene["probabilities"], scene["mean_volumes_um3"]))
-        grains = self.table["solid_fraction"].mean() * side**3 / volume
+        grains = poured_grains(scene, self.table["solid_fraction"].mean())
         voxels = int(np.prod(scene["shape_zyx"]))
         return Cost(
             grains=round(grains),

@@ -14,17 +14,15 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import scipy  # its parts load when they are first used
 
-from grainfall import io
+from grainfall import io, packing
 from grainfall.errors import InputError
 
 TABLE = files("grainfall.cli") / "needs.csv"
 
 PER = {"Mvoxel": 1e6, "kgrain": 1e3}
 """Units of size: million voxels (or pixels of a section), thousand grains."""
-
-POURED = 0.65
-"""Solid fraction of a bed from wall to wall, for the number of its grains."""
 
 VOLUMES = dict.fromkeys(("reference_network", "reference_flow", "reference_s2"), "reference.zarr.zip")
 """Whose jobs' size is not that of the section, but of another volume of the sample."""
@@ -124,9 +122,7 @@ def size_of(rule: str, sample: str | Path, variant: str | None = None, coarsen: 
 
 def of_scene(scene: Mapping) -> dict[str, float]:
     """Voxels of a twin's region, as ``plan_scene`` lays it out; grains in it and in the margin around it."""
-    side = scene["edge_um"] + 2 * scene["margin_um"]
-    grains = POURED * side**3 / float(np.dot(scene["probabilities"], scene["mean_volumes_um3"]))
-    return of_shape(scene["shape_zyx"]) | {"kgrain": grains / PER["kgrain"]}
+    return of_shape(scene["shape_zyx"]) | {"kgrain": packing.poured_grains(scene) / PER["kgrain"]}
 
 
 def of_shape(shape: Sequence[int]) -> dict[str, float]:
@@ -150,8 +146,6 @@ def fit(runs: pd.DataFrame, per: Mapping[str, str]) -> pd.DataFrame:
         As :class:`Needs` takes it: lines of least squares, with neither a negative start nor a negative
         share, raised to the hungriest job.
     """
-    from scipy.optimize import nnls  # for the fit alone: every Snakemake loads this module
-
     rows = []
     for rule, unit in per.items():
         jobs = runs[runs["rule"] == rule].dropna(subset=[unit])
@@ -162,7 +156,7 @@ def fit(runs: pd.DataFrame, per: Mapping[str, str]) -> pd.DataFrame:
         row = {"rule": rule, "per": unit}
         for column, (start, share) in {"peak_rss_mb": ("start_mb", "mb"), "cpu_s": ("start_s", "s")}.items():
             # relative errors count: a small job asks for little
-            line, _ = nnls(matrix / largest[[column]].to_numpy(), np.ones(len(largest)))
+            line, _ = scipy.optimize.nnls(matrix / largest[[column]].to_numpy(), np.ones(len(largest)))
             line *= (largest[column] / (matrix @ line)).max()
             row[start], row[share] = line
         rows.append(row)

@@ -7,7 +7,7 @@ from grainfall.packing.densify import match_density
 from grainfall.packing.mixing import Mixture, draw_population, draw_zones, phase_probabilities
 from grainfall.packing.parameters import NAMED, Parameters
 from grainfall.packing.plan import SWITCHES, decide, effects_plan
-from grainfall.packing.scene import plan_scene
+from grainfall.packing.scene import plan_scene, poured_grains
 from grainfall.packing.tail import PoreTail, pore_tail
 from grainfall.packing.virtual import VirtualSizes, match_porosity, sphere_probability, virtual_sizes
 
@@ -38,6 +38,7 @@ __all__ = [
     "plan_deficit",
     "plan_scene",
     "pore_tail",
+    "poured_grains",
     "settle",
     "sphere_probability",
     "virtual_sizes",
@@ -45,6 +46,7 @@ __all__ = [
 
 
 def __getattr__(name: str):
+    # written out, not by lazy_loader: the graph of imports, by which edits rerun jobs, must see these
     if name in ("Box", "container", "deposit"):
         import grainfall.packing.deposition as late
     elif name in ("RESETTLED", "moved_share", "settle"):

@@ -18,6 +18,7 @@ from grainfall.errors import InputError
 from grainfall.packing.bed import Bed, Frame, in_units
 from grainfall.packing.parameters import Parameters
 from grainfall.packing.rest import relax
+from grainfall.packing.scene import POURED
 from grainfall.packing.shapes import SPHERE, collision_shapes
 
 
@@ -46,7 +47,7 @@ class Box:
         """Height of the free surface that is wanted, above the floor."""
         return self.roi_um[2] + 2 * self.margin_um
 
-    def solid_um3(self, fraction: float = 0.65) -> float:
+    def solid_um3(self, fraction: float = POURED) -> float:
         """Solid volume that fills the container to that height at this solid fraction."""
         return self.sides_um[0] * self.sides_um[1] * self.height_um * fraction
 

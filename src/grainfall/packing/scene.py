@@ -15,6 +15,9 @@ LEAST_GRAINS = 3
 MOST_VOXELS = 4_000_000_000
 """Larger volumes overflow 32-bit labels."""
 
+POURED = 0.65
+"""Solid fraction from wall to wall by which grains are poured: no bed of grains settles denser by itself."""
+
 
 def plan_scene(
     sizes: dict[tuple[int, str], SizeDistribution],
@@ -121,3 +124,16 @@ def plan_scene(
         "porosity_source": source,
         "phase_mixing": mixing,
     }
+
+
+def poured_grains(scene: dict, solid_fraction: float = POURED) -> float:
+    """Number of grains that fill the region and the margin around it at this solid fraction.
+
+    Parameters
+    ----------
+    scene : dict
+        As :func:`plan_scene` gives it.
+    solid_fraction : float
+    """
+    side = scene["edge_um"] + 2 * scene["margin_um"]
+    return solid_fraction * side**3 / float(np.dot(scene["probabilities"], scene["mean_volumes_um3"]))

@@ -26,6 +26,7 @@ __all__ = [
 
 
 def __getattr__(name: str):
+    # written out, not by lazy_loader: the graph of imports, by which edits rerun jobs, must see these
     if name == "guess_kind":
         import grainfall.section.guess as late
     elif name in ("Mineral", "Truth", "synthesise"):
