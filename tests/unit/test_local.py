@@ -146,3 +146,22 @@ class TestMobility:
         assert np.abs(parts.lower - at_once.lower).max() < 0.01 * scale
         for one, other in zip(parts.upper, at_once.upper, strict=True):
             assert np.abs(one - other).max() < 0.02 * scale
+
+
+def test_what_is_solved_at_once_waits_for_the_rest():
+    """A grid, through which many steps are needed, and a row beside it, for which the factors are exact."""
+    shape, row = (8, 8, 8), np.arange(8)
+    voxels = np.concatenate([np.arange(8**3), 9 * 64 + row])
+    near = multiport._stencil((10, *shape[1:]), voxels, np.array([0]), np.array([0], np.int8))
+    link, bond = multiport._bonds(near, np.full((len(voxels), 3), 0.7, np.float32))
+    own = np.zeros(len(voxels), np.float32)
+    own[[0, 8**3]] = 2, 3
+    source = np.zeros((len(voxels) + 1, 8), np.float32)
+    source[8**3 - 1, 0] = 1
+    inflow = np.linspace(0.1, 1, 7, dtype=np.float32)
+    source[-2, 1:] = inflow
+    factors = multiport._factors(link, bond, own)
+    found = multiport._gradients(link, bond, *factors, source, np.zeros_like(source), 1e-6)
+    # what comes in at the far end leaves by the port
+    assert found[0, 0] == pytest.approx(1 / 2, rel=1e-4)
+    assert found[8**3, 1:] == pytest.approx(inflow / 3, rel=1e-4)

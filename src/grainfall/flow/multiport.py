@@ -300,7 +300,7 @@ def _gradients(link, bond, diagonal, pivot, source, x, close):
                 power[m] += direction[i, m] * (ahead[i, m] + behind[i, m])
         for m in range(lanes):
             step[m] = rho[m] / power[m] if power[m] > 0 else 0.0
-            slope[m] = 1 / rho[m] if rho[m] > 0 else 0.0
+            slope[m] = rho[m]
         rho[:] = 0
         for i in range(n):
             p = pivot[i]
@@ -309,7 +309,9 @@ def _gradients(link, bond, diagonal, pivot, source, x, close):
                 residual[i, m] -= step[m] * (ahead[i, m] + behind[i, m])
             for m in range(lanes):
                 rho[m] += p * residual[i, m] * residual[i, m]
-        slope *= rho
+        for m in range(lanes):
+            # not by 1 / slope: of what was solved at once, so little is left that it overflows
+            slope[m] = rho[m] / slope[m] if slope[m] > 0 else 0.0
     return x
 
 
