@@ -100,10 +100,12 @@ class TestRock:
     def test_flow_balances(self, rates, axis):
         assert rates[axis].imbalance < 1e-9
 
-    def test_permuting_the_axes_permutes_the_answer(self, rates):
-        turned = parted(np.ascontiguousarray(rock().transpose(1, 2, 0)))
+    @pytest.mark.parametrize("seed", [1, 2, 3])
+    def test_permuting_the_axes_permutes_the_answer(self, seed):
+        rates = parted(rock(seed=seed))
+        turned = parted(np.ascontiguousarray(rock(seed=seed).transpose(1, 2, 0)))
         for axis, same in zip("xyz", "zxy", strict=True):
-            assert turned[axis][:2] == pytest.approx(rates[same][:2], rel=5e-3)
+            assert turned[axis][:2] == pytest.approx(rates[same][:2], rel=2e-3)
 
     def test_iterated_as_factorised(self, rates, monkeypatch):
         monkeypatch.setattr(local, "MANY", 0)

@@ -16,9 +16,8 @@ PERSISTENCE = 0.1
 DIGITISATION_VOXELS = 1.0
 """Two distances measured to voxel centres differ by chance by up to one voxel: no maximum is finer."""
 
-
-CHUNK = 1 << 16
-"""First length of what grows during a sweep."""
+WEIGHTS = (1, 4, 6, 4, 1)
+"""Along an axis, of the voxels around one that is compared with its equals."""
 
 
 @dataclass(frozen=True)
@@ -34,33 +33,33 @@ class Partition:
     tree : (nz, ny, nx) ndarray of uint8
         Bit a is set where the voxel and its next neighbour along axis a are joined in the spanning tree of
         their pore that the ascent of the distance map draws.
-    order : (N,) ndarray of int32 or int64
-        Flat indices of the pore voxels by falling distance, ties by index: the filtration.
     peaks : (n,) ndarray of int64
-        Flat index of the first voxel of each pore in that order, a maximum of the distance.
+        Flat index of the highest voxel of each pore, a maximum of the distance.
     """
 
     labels: np.ndarray
     squared_distance: np.ndarray
     tree: np.ndarray
-    order: np.ndarray
     peaks: np.ndarray
 
 
 def partition(pore: np.ndarray, *, persistence: float = PERSISTENCE, threads: int = 1) -> Partition:
     r"""Part the pore space at the necks of its distance map.
 
-    The superlevel sets of the distance :math:`d` to the solid are swept downwards, pore voxels only,
-    neighbours by faces (6-connected; so the solid is 26-connected). A voxel joins the basin of its highest
-    neighbour or, being a maximum, opens one. Where two components meet, at a saddle :math:`d_s`, the lower
-    maximum
+    From every pore voxel the way leads up the distance :math:`d` to the solid, to its highest neighbour by a
+    face (pore is 6-connected; so the solid is 26-connected), and ends at a maximum: the voxels of one maximum
+    are its basin. In falling order of the saddles between basins, where two components of the superlevel sets
+    of :math:`d` meet, at a saddle :math:`d_s`, the lower maximum
     :math:`d_m` dies (elder rule); it stays a pore of its own if its persistence
 
     .. math:: d_m - d_s \ge \max(h\,d_m,\ 1\,\mathrm{voxel})
 
     and otherwise its basin is merged with that across the saddle: the threshold grows with the pore, so that
-    the answer does not depend on the magnification. The number of pores does not depend on how ties are
-    broken.
+    the answer does not depend on the magnification.
+
+    Squared distances are whole numbers, and many are equal. Equals are told apart by the weighted sum of the
+    values around them (:func:`surroundings`): like the distance, it does not depend on the order of the axes,
+    nor then does what is made of it.
 
     Parameters
     ----------
@@ -86,36 +85,41 @@ def partition(pore: np.ndarray, *, persistence: float = PERSISTENCE, threads: in
     # the faces of the image are no walls
     squared = edt.edtsq(np.ascontiguousarray(pore, bool), black_border=False, parallel=threads)
     # whole numbers, and small ones: half the memory and half the traffic
-    squared = squared.astype(np.uint16 if squared.max() < 2**16 else np.uint32).reshape(-1)
-    order = np.empty(np.count_nonzero(squared), np.int32 if squared.size < 2**31 else np.int64)
-    _sort_falling(squared, order)
-    labels, tree = np.zeros(squared.size, np.int32), np.zeros(squared.size, np.uint8)
-    component, basin, top = (np.zeros(CHUNK, kind) for kind in (np.int32, np.int32, np.int64))
-    saddles = np.zeros((3, CHUNK), np.int64)
-    at = np.zeros(3, np.int64)
-    rule = (persistence, DIGITISATION_VOXELS)
-    while not _flood(squared, order, pore.shape, *rule, labels, tree, component, basin, top, saddles, at):
-        component, basin, top = (longer(a) for a in (component, basin, top))
-        saddles = np.concatenate([saddles, np.zeros_like(saddles)], axis=1)
-    peaks = _number(labels, basin, top, at[1])
-    whole = (a.reshape(pore.shape) for a in (labels, squared, tree))
-    return Partition(*whole, order, peaks)
+    squared = squared.astype(np.uint16 if squared.max() < 2**16 else np.uint32)
+    flat, labels, tree = squared.reshape(-1), np.zeros(pore.size, np.int32), np.zeros(pore.size, np.uint8)
+    tops = np.empty(_ascend(flat, pore.shape, tree), np.int64)
+    around = np.empty(len(tops), np.int64)
+    _find_tops(flat, pore.shape, tree, tops, around)
+    tops = tops[np.lexsort((-around, -flat[tops].astype(np.int64)))]
+    labels[tops] = np.arange(1, len(tops) + 1)
+    _descend(pore.shape, tree, labels)
+    count, kinds = _find_saddles(flat, pore.shape, labels), (np.int64, np.int8, np.int64, np.int64)
+    voxels, axes, *heights = (np.empty(count, kind) for kind in kinds)
+    _find_saddles(flat, pore.shape, labels, voxels, axes, *heights)
+    falling = np.lexsort([-h for h in reversed(heights)])
+    basin = _cancel(flat, pore.shape, labels, tops, voxels[falling], axes[falling], persistence, tree)
+    alive = basin == np.arange(len(basin))  # the solid, 0, is a basin of its own
+    _number(labels, np.cumsum(alive, dtype=np.int32)[basin] - 1)
+    return Partition(labels.reshape(pore.shape), squared, tree.reshape(pore.shape), tops[alive[1:]])
 
 
 @njit(cache=True)
-def _sort_falling(squared, order):
-    """Indices of the positive values by falling value, ties by index: a counting sort of whole numbers."""
-    largest = np.int64(squared.max())
-    start = np.zeros(largest + 2, np.int64)
-    for i in range(squared.size):
-        start[largest - np.int64(squared[i]) + 1] += 1
-    for k in range(1, largest + 2):
-        start[k] += start[k - 1]
-    for i in range(squared.size):
-        value = np.int64(squared[i])
-        if value > 0:
-            order[start[largest - value]] = i
-            start[largest - value] += 1
+def surroundings(squared, shape, v):
+    """Weighted sum of the 5 x 5 x 5 values around a voxel, the image going on beyond its faces."""
+    nz, ny, nx = shape
+    z = v // (ny * nx)
+    y = v // nx - z * ny
+    x = v - (z * ny + y) * nx
+    a, b, c, d = max(x - 2, 0), max(x - 1, 0), min(x + 1, nx - 1), min(x + 2, nx - 1)
+    total = 0
+    for i in range(5):
+        plane = min(max(z + i - 2, 0), nz - 1) * ny
+        for j in range(5):
+            row = (plane + min(max(y + j - 2, 0), ny - 1)) * nx
+            beside = np.int64(squared[row + b]) + np.int64(squared[row + c])
+            beyond = np.int64(squared[row + a]) + np.int64(squared[row + d])
+            total += WEIGHTS[i] * WEIGHTS[j] * (6 * np.int64(squared[row + x]) + 4 * beside + beyond)
+    return total
 
 
 @njit(cache=True)
@@ -142,131 +146,144 @@ def face_neighbours(v, nz, ny, nx, near):
     near[5] = v + 1 if x < nx - 1 else -1
 
 
-def longer(values: np.ndarray) -> np.ndarray:
-    """The array with as many zeros after it."""
-    return np.concatenate([values, np.zeros_like(values)])
-
-
 @njit(cache=True)
-def _flood(squared, order, shape, share, floor, labels, tree, component, basin, top, saddles, at):
-    """Sweep the filtration on from `at` (voxels swept, maxima, saddles waiting): whether it is finished.
+def _ascend(squared, shape, tree):
+    """Draw the way up from every voxel, and note it (1 ... 6, maxima 7) above the bits of the tree.
 
-    Stops where an array might overflow (arrays that grow in the loop itself cost more than all its work).
-    `component` follows the merge tree of the superlevel sets, `basin` the cancellations, both with the
-    earliest, that is highest, maximum as root; `top` is its voxel. Saddles (voxel, way to the neighbour,
-    height of what lies around both) wait for the others of their height and are taken by that rank, which
-    does not depend on the order of the axes.
+    Returns the number of maxima.
     """
-    nz, ny, nx = shape
-    steps = np.array([ny * nx, nx, 1])
     near = np.empty(6, np.int64)
-    first, count, waiting = at
-    for turn in range(first, order.size):
-        if count + 2 > top.size or waiting + 6 > saddles.shape[1]:
-            at[:] = turn, count, waiting
-            return False
-        v = np.int64(order[turn])
-        face_neighbours(v, nz, ny, nx, near)
-        own = np.int64(squared[v])
-        best, height, way = 0, own, 0
+    tops = 0
+    for v in range(squared.size):
+        if squared[v] == 0:
+            continue
+        face_neighbours(v, shape[0], shape[1], shape[2], near)
+        height = squared[v]
+        for w in near:
+            if w >= 0:
+                height = max(height, squared[w])
+        way, best, around = 6, v, np.int64(-1)
         for k in range(6):
             w = near[k]
-            if w < 0:
+            if w < 0 or squared[w] < height:
                 continue
-            level = np.int64(squared[w])
-            if level < height or labels[w] == 0:
-                continue  # the lower have not been swept
-            if (
-                level > height
-                or best == 0
-                or (labels[w] != best and _precedes(squared, shape, w, labels[w], near[way], best))
-            ):
-                best, height, way = labels[w], level, k
-        if best == 0:
-            count += 1
-            component[count] = basin[count] = count
-            top[count] = v
-            labels[v] = count
+            if squared[best] < height:
+                way, best = k, w
+                continue
+            if around < 0:
+                around = surroundings(squared, shape, best)
+            also = surroundings(squared, shape, w)
+            if also > around or (also == around and w < best):
+                way, best, around = k, w, also
+        tree[v] |= np.uint8((way + 1) << 3)
+        if best == v:
+            tops += 1
         else:
-            best = find_root(basin, best)
-            labels[v] = best
-            _join(tree, v, near[way], way)
-            for k in range(6):
-                w = near[k]
-                if w < 0 or squared[w] < own or labels[w] == 0 or labels[w] == best:
-                    continue
-                if find_root(component, best) != find_root(component, labels[w]):
-                    saddles[0, waiting], saddles[1, waiting] = v, k
-                    rank = surroundings(squared, shape, v) + surroundings(squared, shape, w)
-                    saddles[2, waiting] = -rank
-                    waiting += 1
-        if waiting == 0 or (turn + 1 < order.size and squared[order[turn + 1]] == squared[v]):
-            continue
-        depth = np.sqrt(squared[v])
-        for i in np.argsort(saddles[2, :waiting], kind="mergesort"):
-            v, k = saddles[0, i], saddles[1, i]
-            w = v + (1 if k % 2 else -1) * steps[k // 2]
-            elder, younger = find_root(component, labels[v]), find_root(component, labels[w])
-            if elder == younger:
-                continue
-            if younger < elder:
-                elder, younger = younger, elder
-            component[younger] = elder
-            peak = np.sqrt(squared[top[younger]])
-            if peak - depth < max(share * peak, floor):
-                one, other = find_root(basin, labels[v]), find_root(basin, labels[w])
-                basin[max(one, other)] = min(one, other)
-                _join(tree, v, w, k)
-        waiting = 0
-    at[:] = order.size, count, 0
-    return True
+            _join(tree, v, best, way // 2)
+    return tops
 
 
 @njit(cache=True)
-def _number(labels, basin, top, count):
-    """Number the pores by their maxima, in the order these were met, and return the maxima's voxels."""
-    number = np.zeros(count + 1, np.int32)
-    pores = 0
-    for i in range(1, count + 1):
-        root = find_root(basin, i)
-        if root == i:
-            pores += 1
-            number[i] = pores
-            top[pores] = top[i]
-        else:
-            number[i] = number[root]
+def _find_tops(squared, shape, tree, tops, around):
+    count = 0
+    for v in range(tree.size):
+        if tree[v] >> 3 == 7:
+            tops[count], around[count] = v, surroundings(squared, shape, v)
+            count += 1
+
+
+@njit(cache=True)
+def _descend(shape, tree, labels):
+    """Give every voxel the label of the maximum above it, and wipe the ways up."""
+    steps = np.array([0, -shape[1] * shape[2], shape[1] * shape[2], -shape[2], shape[2], -1, 1])
+    for v in range(tree.size):
+        if tree[v] >> 3 == 0:
+            continue
+        u = v
+        while labels[u] == 0:
+            u += steps[tree[u] >> 3]
+        label, u = labels[u], v
+        while labels[u] == 0:
+            labels[u] = label
+            u += steps[tree[u] >> 3]
+    for v in range(tree.size):
+        tree[v] &= np.uint8(7)
+
+
+@njit(cache=True)
+def _find_saddles(squared, shape, labels, voxels=None, axes=None, low=None, around=None):
+    """Faces between two basins, without those beside a higher one of the same; how many there are.
+
+    If asked for, which: the voxel before each, its axis, the lower distance of the two and the sum of their
+    surroundings.
+    """
+    nz, ny, nx = shape
+    steps = (ny * nx, nx, 1)
+    count, v = 0, -1
+    for z in range(nz):
+        for y in range(ny):
+            for x in range(nx):
+                v += 1
+                if labels[v] == 0:
+                    continue
+                first, last = (z == 0, y == 0, x == 0), (z == nz - 1, y == ny - 1, x == nx - 1)
+                for axis in range(3):
+                    if last[axis]:
+                        continue
+                    w = v + steps[axis]
+                    if labels[w] == 0 or labels[w] == labels[v]:
+                        continue
+                    height = min(squared[v], squared[w])
+                    passed = False
+                    for way in range(6):
+                        along, side = way // 2, way % 2
+                        if along == axis or (last[along] if side else first[along]):
+                            continue
+                        step = steps[along] if side else -steps[along]
+                        if labels[v + step] == labels[v] and labels[w + step] == labels[w]:
+                            passed |= min(squared[v + step], squared[w + step]) > height
+                    if passed:
+                        continue
+                    if voxels is not None:
+                        voxels[count], axes[count], low[count] = v, axis, height
+                        around[count] = surroundings(squared, shape, v) + surroundings(squared, shape, w)
+                    count += 1
+    return count
+
+
+@njit(cache=True)
+def _cancel(squared, shape, labels, tops, voxels, axes, share, tree):
+    """Join basins across the saddles, in this order, whose lower maximum does not persist: basin of each.
+
+    The merge tree of the superlevel sets is followed beside the cancellations, both with the earliest, that
+    is highest, maximum as root.
+    """
+    steps = np.array([shape[1] * shape[2], shape[2], 1])
+    component, basin = np.arange(tops.size + 1), np.arange(tops.size + 1)
+    for i in range(voxels.size):
+        v, w = voxels[i], voxels[i] + steps[axes[i]]
+        elder, younger = find_root(component, labels[v]), find_root(component, labels[w])
+        if elder == younger:
+            continue
+        if younger < elder:
+            elder, younger = younger, elder
+        component[younger] = elder
+        peak, saddle = np.sqrt(squared[tops[younger - 1]]), np.sqrt(min(squared[v], squared[w]))
+        if peak - saddle < max(share * peak, DIGITISATION_VOXELS):
+            one, other = find_root(basin, labels[v]), find_root(basin, labels[w])
+            basin[max(one, other)] = min(one, other)
+            _join(tree, v, w, axes[i])
+    for i in range(basin.size):
+        basin[i] = find_root(basin, i)
+    return basin
+
+
+@njit(cache=True)
+def _number(labels, number):
     for i in range(labels.size):
         labels[i] = number[labels[i]]
-    return top[1 : pores + 1].copy()
 
 
 @njit(cache=True)
-def _precedes(squared, shape, v, one, w, other):
-    """Whether of two equally high voxels of basins `one` and `other` the first is the way up.
-
-    By the height of what lies around them, which does not depend on the order of the axes, then by that of
-    the basins.
-    """
-    here, there = surroundings(squared, shape, v), surroundings(squared, shape, w)
-    return here > there or (here == there and one < other)
-
-
-@njit(cache=True)
-def surroundings(squared, shape, v):
-    """Sum of the 5 x 5 x 5 values around a voxel, the image going on beyond its faces."""
-    nz, ny, nx = shape
-    z = v // (ny * nx)
-    y = v // nx - z * ny
-    x = v - (z * ny + y) * nx
-    total = 0
-    for i in range(z - 2, z + 3):
-        for j in range(y - 2, y + 3):
-            row = (min(max(i, 0), nz - 1) * ny + min(max(j, 0), ny - 1)) * nx
-            for k in range(x - 2, x + 3):
-                total += np.int64(squared[row + min(max(k, 0), nx - 1)])
-    return total
-
-
-@njit(cache=True)
-def _join(tree, v, w, way):
-    tree[min(v, w)] |= np.uint8(1 << (way // 2))
+def _join(tree, v, w, axis):
+    tree[min(v, w)] |= np.uint8(1 << axis)

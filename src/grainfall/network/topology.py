@@ -30,8 +30,11 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from grainfall.network.partition import CHUNK, Partition, face_neighbours, find_root, longer
+from grainfall.network.partition import Partition, face_neighbours, find_root
 from grainfall.volume.measures import euler_number
+
+CHUNK = 1 << 16
+"""First length of what grows during a sweep."""
 
 
 @dataclass(frozen=True)
@@ -175,7 +178,10 @@ def _find_classes(parts: Partition) -> tuple[np.ndarray, np.ndarray, np.ndarray,
         Classes that sum to nothing, three or four and the rest 0, in falling order.
     """
     shape, tree = parts.labels.shape, parts.tree.reshape(-1)
-    sweep = (parts.squared_distance.reshape(-1), parts.order, tree, shape)
+    squared = parts.squared_distance.reshape(-1)
+    order = np.empty(np.count_nonzero(squared), np.int32 if squared.size < 2**31 else np.int64)
+    _sort_falling(squared, order)
+    sweep = (squared, order, tree, shape)
     keys, classes = np.zeros(CHUNK, np.int64), np.zeros(CHUNK, np.int32)
     table = np.full(2 * CHUNK, -1, np.int32)
     parent, birth = np.zeros(CHUNK, np.int32), np.zeros(CHUNK, np.int64)
@@ -194,6 +200,27 @@ def _find_classes(parts: Partition) -> tuple[np.ndarray, np.ndarray, np.ndarray,
     keys, classes = keys[:faces], classes[:faces]
     living, related = _settle(keys, classes, tree, parent, birth, count, relations, related)
     return keys, classes, birth[1 : living + 1], relations[:related]
+
+
+def longer(values: np.ndarray) -> np.ndarray:
+    """The array with as many zeros after it."""
+    return np.concatenate([values, np.zeros_like(values)])
+
+
+@njit(cache=True)
+def _sort_falling(squared, order):
+    """Indices of the positive values by falling value, ties by index: a counting sort of whole numbers."""
+    largest = np.int64(squared.max())
+    start = np.zeros(largest + 2, np.int64)
+    for i in range(squared.size):
+        start[largest - np.int64(squared[i]) + 1] += 1
+    for k in range(1, largest + 2):
+        start[k] += start[k - 1]
+    for i in range(squared.size):
+        value = np.int64(squared[i])
+        if value > 0:
+            order[start[largest - value]] = i
+            start[largest - value] += 1
 
 
 @njit(cache=True)
@@ -226,7 +253,7 @@ def _sweep(squared, order, tree, shape, keys, classes, table, parent, birth, rel
                 earlier += 1
             else:
                 near[k] = -1
-        if earlier < 2:
+        if earlier == 0:
             continue
         unknown, reached, all_near, flat_squares = 0, 0, 0, True
         for k in range(6):
@@ -259,6 +286,8 @@ def _sweep(squared, order, tree, shape, keys, classes, table, parent, birth, rel
                         flat_squares &= c == 0
                     linked[a] |= 1 << b
                     linked[b] |= 1 << a
+        if earlier == 1 and unknown == 0:
+            continue
         if flat_squares:
             # nearly everywhere all edges are tied to a tree edge by squares that are otherwise contracted
             before = 0
