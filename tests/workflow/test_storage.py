@@ -2,7 +2,9 @@
 
 import shutil
 
+import boto3
 import pytest
+from moto.server import ThreadedMotoServer
 
 from conftest import TINY, snakemake, write_config
 
@@ -12,15 +14,37 @@ TARGET = "results/tiny/full/scene.json"
 BEHIND = ("results/tiny/section.zarr.zip", "results/tiny/labels.zarr.zip", "results/tiny/sizes.csv")
 
 
-def test_a_file_system_elsewhere_takes_the_results(finished, tmp_path):
-    if not shutil.which("rsync"):
-        pytest.skip("rsync is not installed, which the provider fs copies with")
-    folder, store = write_config(tmp_path / "work", TINY), tmp_path / "store"
-    where = ("--default-storage-provider", "fs", "--default-storage-prefix", store)
+@pytest.fixture(params=["fs", "s3"])
+def store(request, tmp_path, monkeypatch):
+    """Arguments for Snakemake, and what reads a file of the store."""
+    if request.param == "fs":
+        if not shutil.which("rsync"):
+            pytest.skip("rsync is not installed, which the provider fs copies with")
+        prefix = tmp_path / "store"
+        yield ("fs", "--default-storage-prefix", prefix), lambda name: (prefix / name).read_bytes()
+        return
+    for name in ("ACCESS_KEY_ID", "SECRET_ACCESS_KEY"):
+        monkeypatch.setenv(f"AWS_{name}", "nobody")
+    server = ThreadedMotoServer("127.0.0.1", 0, verbose=False)
+    server.start()
+    host, port = server.get_host_and_port()
+    endpoint = f"http://{host}:{port}"
+    client = boto3.client("s3", endpoint_url=endpoint, region_name="us-east-1")
+    client.create_bucket(Bucket="twins")
+    yield (
+        ("s3", "--default-storage-prefix", "s3://twins", "--storage-s3-endpoint-url", endpoint),
+        lambda name: client.get_object(Bucket="twins", Key=name)["Body"].read(),
+    )
+    server.stop()
+
+
+def test_storage_elsewhere_takes_the_results(finished, tmp_path, store):
+    provider, read = store
+    folder, where = write_config(tmp_path / "work", TINY), ("--default-storage-provider", *provider)
     done = snakemake(folder, *where, "--", TARGET)
     assert done.returncode == 0, done.stdout[-4000:]
     assert not (folder / "results").exists()
     for name in (TARGET, *BEHIND):
-        assert (store / name).read_bytes() == (finished / name).read_bytes(), name
+        assert read(name) == (finished / name).read_bytes(), name
     again = snakemake(folder, *where, "--dry-run", "--", TARGET)
     assert "Nothing to be done" in again.stdout
