@@ -94,9 +94,9 @@ def partition(pore: np.ndarray, *, persistence: float = PERSISTENCE, threads: in
     labels[tops] = np.arange(1, len(tops) + 1)
     _descend(pore.shape, tree, labels)
     count, kinds = _find_saddles(flat, pore.shape, labels), (np.int64, np.int8, np.int64, np.int64)
-    voxels, axes, *heights = (np.empty(count, kind) for kind in kinds)
-    _find_saddles(flat, pore.shape, labels, voxels, axes, *heights)
-    falling = np.lexsort([-h for h in reversed(heights)])
+    voxels, axes, heights, around = (np.empty(count, kind) for kind in kinds)
+    _find_saddles(flat, pore.shape, labels, voxels, axes, heights, around)
+    falling = np.lexsort((-around, -heights))
     basin = _cancel(flat, pore.shape, labels, tops, voxels[falling], axes[falling], persistence, tree)
     alive = basin == np.arange(len(basin))  # the solid, 0, is a basin of its own
     _number(labels, np.cumsum(alive, dtype=np.int32)[basin] - 1)
@@ -211,11 +211,10 @@ def _descend(shape, tree, labels):
 
 
 @njit(cache=True)
-def _find_saddles(squared, shape, labels, voxels=None, axes=None, low=None, around=None):
+def _find_saddles(squared, shape, labels, voxels=None, axes=None, heights=None, around=None):
     """Faces between two basins, without those beside a higher one of the same; how many there are.
 
-    If asked for, which: the voxel before each, its axis, the lower distance of the two and the sum of their
-    surroundings.
+    If asked for, which: the voxel before each, its axis, its height and the sum of the two surroundings.
     """
     nz, ny, nx = shape
     steps = (ny * nx, nx, 1)
@@ -233,22 +232,28 @@ def _find_saddles(squared, shape, labels, voxels=None, axes=None, low=None, arou
                     w = v + steps[axis]
                     if labels[w] == 0 or labels[w] == labels[v]:
                         continue
-                    height = min(squared[v], squared[w])
-                    passed = False
+                    height, passed = _saddle(squared, v, w), False
                     for way in range(6):
                         along, side = way // 2, way % 2
                         if along == axis or (last[along] if side else first[along]):
                             continue
                         step = steps[along] if side else -steps[along]
                         if labels[v + step] == labels[v] and labels[w + step] == labels[w]:
-                            passed |= min(squared[v + step], squared[w + step]) > height
+                            passed |= _saddle(squared, v + step, w + step) > height
                     if passed:
                         continue
                     if voxels is not None:
-                        voxels[count], axes[count], low[count] = v, axis, height
+                        voxels[count], axes[count], heights[count] = v, axis, height
                         around[count] = surroundings(squared, shape, v) + surroundings(squared, shape, w)
                     count += 1
     return count
+
+
+@njit(cache=True)
+def _saddle(squared, v, w):
+    """Height of the face between two voxels: the lower one's distance, then the higher one's."""
+    low, high = np.int64(min(squared[v], squared[w])), np.int64(max(squared[v], squared[w]))
+    return (low << 32) + high
 
 
 @njit(cache=True)
