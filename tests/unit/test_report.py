@@ -31,6 +31,7 @@ from grainfall.report import (
     section_comparison,
     summary_row,
     sweep_table,
+    tables,
     verdict,
 )
 
@@ -683,6 +684,21 @@ def test_browser_finds_no_barrier(opened):
     assert [(fault["id"], [node["html"] for node in fault["nodes"]]) for fault in found["violations"]] == []
 
 
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (1.819e-10, "1.82·10⁻¹⁰"),
+        (-2.5e7, "\u22122.50·10⁷"),
+        (0.05, "0.05"),
+        (12345, "12\u202f345"),
+        (None, ""),
+    ],
+)
+def test_figures_read_as_a_person_writes_them(value, text):
+    assert tables.number(value) == text
+    assert figure(text) == (None if value is None else pytest.approx(value, rel=5e-3))
+
+
 def column(table, number):
     """Texts of one column, top to bottom."""
     return table.locator(f"tbody tr > :nth-child({number + 1})").all_inner_texts()
@@ -690,7 +706,12 @@ def column(table, number):
 
 def figure(text):
     """A figure of the page as a number; ``None`` where there is none."""
-    plain = text.replace("\u202f", "").replace("\u2212", "-").replace("·10^", "e")
+    plain = (
+        text.replace("\u202f", "")
+        .replace("\u2212", "-")
+        .replace("·10", "e")
+        .translate(str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789"))
+    )
     found = re.match(r"\s*[-+]?\d+(\.\d+)?(e[-+]?\d+)?", plain)
     return float(found.group()) if found else None
 

@@ -724,6 +724,9 @@ def read_costs(files: Iterable[str | Path]) -> pd.DataFrame:
 
 # ---- helpers
 
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+"""Digits of an exponent."""
+
 
 def number(value: float | None, digits: int = 3) -> str:
     """A figure for a reader: ``digits`` significant digits; empty if missing."""
@@ -735,7 +738,7 @@ def number(value: float | None, digits: int = 3) -> str:
         return "0"
     if not 1e-4 <= size < 1e7:
         mantissa, exponent = f"{size:.{digits - 1}e}".split("e")
-        return f"{sign}{mantissa}·10^{int(exponent)}"
+        return f"{sign}{mantissa}·10{str(int(exponent)).translate(RAISED)}"
     if size.is_integer():
         return sign + f"{int(size):,}".replace(",", "\u202f")
     text = f"{size:,.{max(0, digits - 1 - math.floor(math.log10(size)))}f}"
