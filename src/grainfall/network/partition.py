@@ -110,15 +110,22 @@ def surroundings(squared, shape, v):
     z = v // (ny * nx)
     y = v // nx - z * ny
     x = v - (z * ny + y) * nx
+    inside = 2 <= z < nz - 2 and 2 <= y < ny - 2 and 2 <= x < nx - 2
     a, b, c, d = max(x - 2, 0), max(x - 1, 0), min(x + 1, nx - 1), min(x + 2, nx - 1)
     total = 0
     for i in range(5):
-        plane = min(max(z + i - 2, 0), nz - 1) * ny
         for j in range(5):
-            row = (plane + min(max(y + j - 2, 0), ny - 1)) * nx
-            beside = np.int64(squared[row + b]) + np.int64(squared[row + c])
-            beyond = np.int64(squared[row + a]) + np.int64(squared[row + d])
-            total += WEIGHTS[i] * WEIGHTS[j] * (6 * np.int64(squared[row + x]) + 4 * beside + beyond)
+            if inside:  # unsigned: numba need not ask whether it counts from the end
+                row = np.uint64(v + ((i - 2) * ny + j - 2) * nx - 2)
+                far = np.int64(squared[row]) + np.int64(squared[row + np.uint64(4)])
+                near = np.int64(squared[row + np.uint64(1)]) + np.int64(squared[row + np.uint64(3)])
+                own = np.int64(squared[row + np.uint64(2)])
+            else:
+                row = (min(max(z + i - 2, 0), nz - 1) * ny + min(max(y + j - 2, 0), ny - 1)) * nx
+                far = np.int64(squared[row + a]) + np.int64(squared[row + d])
+                near = np.int64(squared[row + b]) + np.int64(squared[row + c])
+                own = np.int64(squared[row + x])
+            total += WEIGHTS[i] * WEIGHTS[j] * (6 * own + 4 * near + far)
     return total
 
 
