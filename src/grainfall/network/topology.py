@@ -287,7 +287,7 @@ def _sweep(squared, order, tree, shape, keys, classes, table, parent, birth, rel
                     linked[a] |= 1 << b
                     linked[b] |= 1 << a
         if earlier == 1 and unknown == 0:
-            continue
+            continue  # an edge of the tree alone
         if flat_squares:
             # nearly everywhere all edges are tied to a tree edge by squares that are otherwise contracted
             before = 0

@@ -16,7 +16,7 @@ MOST_VOXELS = 4_000_000_000
 """Larger volumes overflow 32-bit labels."""
 
 POURED = 0.65
-"""Solid fraction from wall to wall by which grains are poured: no bed of grains settles denser by itself."""
+"""Solid fraction, from wall to wall, that the number of grains to pour is reckoned by."""
 
 
 def plan_scene(
