@@ -130,17 +130,20 @@ class PhysX:
 
     def contacts(self) -> Contacts:
         number = {body: i for i, body in enumerate(self._bodies)}
-        rows = [
-            (
-                *(number.get(body, WALL) for body in contact.bodies),
-                min(point.separation for point in contact.points),
-                sum(float(point.impulse @ point.normal) for point in contact.points),
-                *sum(point.impulse for point in contact.points),
-            )
-            for contact in self._system.get_contacts()
-            if contact.points
-        ]
-        table = np.array(rows, float).reshape(-1, 7)
+        found = [contact for contact in self._system.get_contacts() if contact.points]
+        points = [point for contact in found for point in contact.points]
+        of = np.repeat(np.arange(len(found)), [len(contact.points) for contact in found])
+        impulse, normal = (
+            np.array([getattr(point, name) for point in points], float).reshape(-1, 3)
+            for name in ("impulse", "normal")
+        )
+        table = np.zeros((len(found), 7))
+        for row, contact in zip(table, found, strict=True):
+            row[:2] = [number.get(body, WALL) for body in contact.bodies]
+        table[:, 2] = np.inf
+        np.minimum.at(table[:, 2], of, [point.separation for point in points])
+        np.add.at(table[:, 3], of, (impulse * normal).sum(axis=1))
+        np.add.at(table[:, 4:], of, impulse)
         table = table[np.lexsort(table.T[::-1])]  # PhysX gives them in an order of its own
         table[:, 3:] /= self._system.timestep
         return Contacts(table[:, :2].astype(int), table[:, 2], table[:, 3], table[:, 4:], False)

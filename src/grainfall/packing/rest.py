@@ -137,9 +137,10 @@ def relax(
     faster the smaller the step is (``make bench-creep``). Motion is damped while the bed settles, and not in
     the last window, over which drift, force balance and energy are judged.
 
-    A few grains go on for long after the bed about them has come to rest. They and their neighbours are moved
-    on alone, the others fixed, before all are set free again: otherwise the more grains there are, the longer
-    all of them wait for the last one. That is no help where a whole bed creeps: set free, it sags anew.
+    A few grains go on for long while the bed about them rests. They and their neighbours are moved on alone,
+    the others fixed, before all are set free again: otherwise the more grains there are, the longer all of
+    them wait for the last one. That is no help where a whole bed creeps: set free, it sags anew, until its
+    windows are used up. Whatever still moves then comes to rest among the others as they are.
 
     Parameters
     ----------
@@ -161,7 +162,8 @@ def relax(
         radii); net_force (mean net force on a body over its weight: its momentum gained in the last window);
         net_force_contacts (the same from the engine's contact forces where those are complete, else None);
         energy_rise (largest rise of total mechanical energy above its lowest so far, over the total);
-        asleep_each (bool, per body); forces (DataFrame: a, b, force_n).
+        asleep_each (bool, per body, in the last window in which it was free); forces (DataFrame: a, b,
+        force_n).
     """
     given = bed.parameters
     fine = replace(given, dt=given.dt * REFINEMENT, contact_manifold="full")
@@ -202,29 +204,36 @@ def relax(
         velocity = bed.velocity.copy()
         way = window(everybody, 0.0 if judged else DAMPING)
         spent += 1
+        gained = np.linalg.norm(bed.velocity - velocity, axis=1) / (WINDOW * fine.dt)
         awake = ~asleep(way)
-        still = not (every and awake.any())
-        ended = still and (way.mean() < rest or spent >= windows)
-        if judged and (spent >= PATIENCE * windows or (ended and not _overlooked(bed))):
-            break
+        rests = way.mean() < rest and not (every and awake.any())
+        ended = judged and (rests or spent >= windows)
+        ended = ended and (spent >= PATIENCE * windows or not _overlooked(bed))
         quiet = way[~awake].sum() < rest * len(bed)
-        while every and quiet and awake.any() and spent < PATIENCE * windows:
+        while every and awake.any() and spent < PATIENCE * windows:
             free = bed.around(awake)
+            if not (ended or quiet) and free.mean() > FEW:
+                break
             spent += free.mean()
-            awake = ~asleep(window(free, DAMPING))
-    gained = np.linalg.norm(bed.velocity - velocity, axis=1) / (WINDOW * fine.dt)
+            awake = ~asleep(window(free, ALONE))
+        if ended:
+            break
     lowest = np.minimum.accumulate(energy)
     report = {
         "steps": steps,
-        "at_rest": still and bool(way.mean() < rest),
+        "at_rest": bool(rests),
         "drift_mean": float(way.mean()),
         "drift_p99": float(np.quantile(way, 0.99)),
         "drift_max": float(way.max()),
         "net_force": float(gained.mean() / fine.gravity),
         "net_force_contacts": None,
         "energy_rise": float((energy - lowest).max() / abs(energy[-1])),
-        "asleep_each": asleep(way),
+        "asleep_each": ~awake,
     }
+    if bed.fixed.any():
+        bed.fixed[:] = False
+        bed.start(fine)
+        bed.engine.step(WINDOW // 10)
     report |= _balance(bed)
     bed.close()
     bed.parameters = given
@@ -257,11 +266,15 @@ def _overlooked(bed: Bed) -> bool:
 UNSEEN, TRIES = 0.01, 40
 """Depth, radii of the smaller body, from which a pair is drawn apart, and the most steps taken for it."""
 
-PATIENCE = 4
-"""Times the windows that a bed is given while some of its bodies are not even asleep."""
+FEW = 0.1
+"""Share of bodies, neighbours counted, that are moved on alone also while the others do not rest yet."""
 
-DAMPING = 0.02
-"""Share of its speed that a body loses in a step of the relaxation."""
+PATIENCE = 4
+"""Times the windows that a bed is given at most, those of a few bodies counted by their share of all."""
+
+DAMPING, ALONE = 0.02, 0.005
+"""Share of its speed that a body loses in a step of the relaxation: with all others, or while those that rest
+are fixed. What is left then has a way to fall or to roll: damped as much it would go it as in syrup."""
 
 
 def _balance(bed: Bed, steps: int = 20) -> dict:
