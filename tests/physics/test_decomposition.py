@@ -51,7 +51,8 @@ def test_a_decomposed_l_rests_at_its_height(ell, engine):
 @pytest.mark.parametrize("decomposition", ["auto", "off"])
 def test_an_l_nests_over_a_peg_where_its_hull_does_not(ell, engine, decomposition):
     peg = np.array([[x, y, z] for x in (-0.3, 0.3) for y in (-0.3, 0.3) for z in (-0.4, 0.4)])
-    box = start(Parameters.named(engine=engine), 10, 10)
+    # lowered rather than dropped: its centre of mass is near the edge of its foot, and a bounce tips it over
+    box = start(Parameters.named(engine=engine, linear_damping=20.0, angular_damping=20.0), 10, 10)
     at = np.array([5.0, 5.0, 0.4])
     box.add(Solid((peg,), 0.6, 1.0, np.ones(3)), at, UPRIGHT, np.zeros(3))
     box.fix([0])
