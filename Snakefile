@@ -38,3 +38,9 @@ rule all:
 if CACHING:
     for cached in CACHED_JOBS:
         workflow.get_rule(cached)._benchmark = None
+
+
+# The Slurm plugin starts Snakemake in the allocation, which would start another for every step of the job (srun). What
+# is local there runs under the first: all of a job is on one node, and no step asks for more than one of its cores.
+if workflow.remote_exec:
+    workflow.localrules(*(step.name for step in workflow.rules))
