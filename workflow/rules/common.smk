@@ -66,15 +66,21 @@ if workflow.is_main_process:
         end_with(int(cli))
 os.environ.update(GRAINFALL_SNAKEMAKE=str(os.getpid()))  # jobs end when it does
 
-CONFIG_SCHEMA = sheet.load_yaml(HOUSE / "workflow/schemas/config.schema.yaml")
-SAMPLE_SCHEMA = sheet.load_yaml(HOUSE / "workflow/schemas/samples.schema.yaml")
+CONFIG_SCHEMA = sheet.load_yaml(
+    HOUSE / "workflow/schemas/config.schema.yaml", ours=True
+)
+SAMPLE_SCHEMA = sheet.load_yaml(
+    HOUSE / "workflow/schemas/samples.schema.yaml", ours=True
+)
 
 try:
     # Snakemake lets a key that stands there twice pass.
     for path in workflow.configfiles:
         sheet.load_yaml(path)
     CONFIG = sheet.resolve(
-        config, CONFIG_SCHEMA, sheet.load_yaml(HOUSE / "config/presets.yaml")
+        config,
+        CONFIG_SCHEMA,
+        sheet.load_yaml(HOUSE / "config/presets.yaml", ours=True),
     )
     SAMPLES = sheet.samples_of(CONFIG, CONFIG_SCHEMA, SAMPLE_SCHEMA)
 except InputError as fault:
@@ -158,21 +164,35 @@ GRAPH = grimp.build_graph("grainfall", cache_dir=None)
 SHARED = ("grainfall.errors", "grainfall.io", "grainfall.random", "grainfall.units")
 
 
+@cache
+def modules_of(chapter):
+    """The modules of a chapter and all they import."""
+    package = f"grainfall.{chapter}"
+    return {
+        package,
+        *GRAPH.find_descendants(package),
+        *GRAPH.find_upstream_modules(package, as_package=True),
+    }
+
+
+@cache
+def source(module):
+    """What a module's file holds."""
+    stem = HOUSE / "src" / module.replace(".", "/")
+    path = stem / "__init__.py" if stem.is_dir() else stem.with_suffix(".py")
+    return path.read_bytes()
+
+
+@cache
 def science(*chapters):
     """Hash of the source of these chapters and of all they import.
 
     As a parameter of a rule it makes Snakemake rerun what an edit of the science touches, and nothing else.
     """
-    modules = set(SHARED)
-    for chapter in chapters:
-        package = f"grainfall.{chapter}"
-        modules |= {package, *GRAPH.find_descendants(package)}
-        modules |= GRAPH.find_upstream_modules(package, as_package=True)
+    modules = set(SHARED).union(*map(modules_of, chapters))
     digest = hashlib.sha256()
     for module in sorted(modules):
-        stem = HOUSE / "src" / module.replace(".", "/")
-        source = stem / "__init__.py" if stem.is_dir() else stem.with_suffix(".py")
-        digest.update(module.encode() + source.read_bytes())
+        digest.update(module.encode() + source(module))
     return digest.hexdigest()[:16]
 
 
@@ -371,7 +391,7 @@ def data_source(wildcards):
 def known_cases():
     """Samples and variants of every case, this config's own in place of its namesake's."""
     studies = [
-        sheet.load_yaml(path)
+        sheet.load_yaml(path, ours=True)
         for path in sorted((HOUSE / "config/cases").glob("*.yaml"))
     ]
     found = {study["case"]: study for study in studies if study.get("case")}
