@@ -45,8 +45,8 @@ def load_yaml(path: str | Path, ours: bool = False) -> dict:
     ----------
     path : path
     ours : bool
-        A file that comes with grainfall: read by libyaml where PyYAML has it, at a tenth of the time. A user's is
-        not: libyaml is less strict, and has other words for what is wrong.
+        A file that comes with grainfall: read by libyaml where PyYAML has it, at a tenth of the time. A
+        user's is not: libyaml is less strict, and has other words for what is wrong.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """What a job costs beside its work: planning, scheduling, and the start of its script, in CPU seconds.
 
-    python tests/benchmarks/job_overhead.py [--planned 1000] [--run 100] [--only slurm] [--work FOLDER] [--out CSV]
+    python tests/benchmarks/job_overhead.py [--planned 1000] [--run 100] [--only slurm] [--work FOLDER]
 
 The sweep of config/cases/sweep.yaml with as many rows as asked for. Whatever is once for all (the start of
 Snakemake, what all rows share) is taken out by a run with fewer rows. CPU seconds are those of Snakemake and
@@ -9,9 +9,9 @@ of all it started, so other work on the machine matters little.
 Columns: what, jobs, cpu_s, cpu_s_a_job. `plan`: a dry run of whole twins, one a row. `run`: the cheapest jobs
 (rule scene, which lays out a region), from planning to the last written file; as the job's own work takes a
 few milliseconds, this is the overhead. `slurm, alone` and `slurm, in a group`: the same jobs as
-workflow/profiles/slurm submits them, one alone and as many as travel together, from the start of the script that
-Slurm would run to its end: Slurm's commands are stood in for (:data:`SLURM`). `slurm, bare Snakemake`: one alone
-of a Snakefile with nothing but a rule that touches a file; what of `slurm, alone` is Snakemake's own.
+workflow/profiles/slurm submits them, one alone and as many as travel together, from start to end of the
+script that Slurm would run; its commands are stood in for (SLURM). `slurm, bare Snakemake`: one alone of a
+Snakefile with nothing but a rule that touches a file: what of `slurm, alone` is Snakemake's own.
 `start of NAME`: imports of a rule's script alone.
 """
 
@@ -48,8 +48,9 @@ job = next(word.partition("=")[2] for word in sys.argv if word.startswith("--wra
 own = {**os.environ, "SLURM_JOB_ID": str(number)}
 done = subprocess.run(job, shell=True, env=own, stdin=subprocess.DEVNULL, stdout=sys.stderr)
 usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+state = "FAILED" if done.returncode else "COMPLETED"
 with log.open("a") as file:
-    print(f"{number}|{'FAILED' if done.returncode else 'COMPLETED'}|{usage.ru_utime + usage.ru_stime}", file=file)
+    print(number, state, usage.ru_utime + usage.ru_stime, sep="|", file=file)
 print(number)
 """
 SLURM = {

@@ -197,7 +197,7 @@ def science(*chapters):
 
 
 NEEDS = needs.Needs.measured()
-SNAKEMAKES_MB = 500  # on a cluster two of them run beside a job's script
+SNAKEMAKE_MB = 300  # on a cluster one runs beside a job's script
 STOKES_MB = 600  # `elliptic` and `direct`: 1.2 kB a pore voxel, were every other voxel one; per million voxels
 
 
@@ -230,7 +230,7 @@ def memory(otherwise):
         asked = known.mem_mb if known else otherwise
         if known and solves_on_voxels(rulename, wildcards):
             asked += STOKES_MB * size["Mvoxel"]
-        beside = 0 if workflow.local_exec else SNAKEMAKES_MB
+        beside = 0 if workflow.local_exec else SNAKEMAKE_MB
         return round(asked * attempt + beside)
 
     return of
