@@ -98,6 +98,41 @@ def test_blocks_and_threads_do_not_show(seed, periodic, size, threads):
     pd.testing.assert_frame_equal(parts, whole, check_exact=True)
 
 
+@settings(max_examples=30, deadline=None)
+@given(
+    hnp.arrays(bool, hnp.array_shapes(min_dims=3, max_dims=3, min_side=2, max_side=9)),
+    st.integers(1, 12),
+    st.booleans(),
+    st.integers(0, 5),
+)
+def test_slabs_add_up_to_the_volume(volume, parts, periodic, size):
+    """More slabs than planes, too: some are empty then."""
+    options = {"periodic": periodic, "block_bytes": 10**size}
+    counts = [c.pair_counts(volume, part=part, parts=parts, **options) for part in range(1, parts + 1)]
+    assert all(found.dtype == np.int64 for slab in counts for found in slab.values())
+    found = c.s2_of_counts(counts, volume.shape, 2.0, periodic=periodic)
+    whole = c.s2_volume(volume, 2.0, periodic=periodic)
+    pd.testing.assert_frame_equal(found, whole, check_exact=True)
+
+
+class Reads:
+    """An array that remembers how many planes and rows were read of it at a time."""
+
+    def __init__(self, array):
+        self.array, self.shape, self.read = array, array.shape, []
+
+    def __getitem__(self, index):
+        part = self.array[index]
+        self.read.append(part.shape)
+        return part
+
+
+def test_a_slab_reads_its_planes_and_no_more_than_it_must():
+    volume = Reads(np.random.default_rng(1).random((24, 16, 16)) < 0.5)
+    c.pair_counts(volume, part=2, parts=4)
+    assert volume.read == [(24, 4, 16), (6 + 4, 16, 16)]  # lags of up to 8 voxels, and of 4 in all directions
+
+
 def test_sphere_array_has_its_surface_and_its_curve():
     """Array of spheres: S2'(0) = -S_v / 4, and S2 = phi (1 - 3r/4R + r^3/16R^3) until images meet."""
     n, radius = 96, 30.0

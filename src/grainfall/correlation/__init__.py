@@ -2,8 +2,10 @@
 
 from grainfall.correlation.envelope import fraction_inside, global_envelope
 from grainfall.correlation.s2 import (
+    pair_counts,
     s2_along,
     s2_image,
+    s2_of_counts,
     s2_of_slices,
     s2_volume,
     specific_surface,
@@ -25,8 +27,10 @@ __all__ = [
     "fraction_inside",
     "global_envelope",
     "inside_cloud",
+    "pair_counts",
     "s2_along",
     "s2_image",
+    "s2_of_counts",
     "s2_of_slices",
     "s2_volume",
     "section_curves",

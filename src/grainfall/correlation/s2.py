@@ -1,13 +1,15 @@
 """Two-point probability S2(r) of an indicator: the chance that two points r apart are both solid.
 
 S2 along an axis is a count of pairs over the number of pairs that fit, c(r) / (lines (n - r)). The counts are
-autocorrelations, taken by zero-padded FFT and rounded to the whole numbers they are: the result is exact to
-the last division, whatever the order of the work, so that slices may be scattered in any chunks.
+correlations, taken by zero-padded FFT and rounded to the whole numbers they are: the result is exact to the
+last division, whatever the order of the work, so that slices may be scattered in any chunks, and a volume's
+pairs counted slab by slab.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from math import prod
 
 import numpy as np
 import pandas as pd
@@ -17,7 +19,7 @@ AXES = ("z", "y", "x")
 LINES_AT_ONCE = 4096
 
 BLOCK_BYTES = 2**32
-"""Memory in which the lags of all directions are found, the volume itself and their spectrum aside."""
+"""Memory in which the lags of all directions are found, and as much again for their spectrum."""
 
 
 def s2_along(
@@ -41,8 +43,9 @@ def s2_along(
     (max_lag + 1,) float
         S2 at lags 0, 1, 2 ... pixels; S2(0) is the phase fraction.
     """
-    counts, pairs = _pairs_along(indicator, axis, max_lag, periodic)
-    return counts / pairs
+    max_lag = indicator.shape[axis] // 2 if max_lag is None else max_lag
+    counts = _counts_along(indicator, axis, max_lag, periodic)
+    return counts / _fits_along(indicator.shape, axis, max_lag, periodic)
 
 
 def s2_image(indicator: np.ndarray, max_lag: int | None = None, *, periodic: bool = False) -> np.ndarray:
@@ -63,8 +66,8 @@ def s2_image(indicator: np.ndarray, max_lag: int | None = None, *, periodic: boo
         (pairs found along y + pairs found along x) / (pairs that fit along y + pairs that fit along x).
     """
     max_lag = min(indicator.shape) // 2 if max_lag is None else max_lag
-    along = [_pairs_along(indicator, axis, max_lag, periodic) for axis in (0, 1)]
-    return sum(counts for counts, _ in along) / sum(pairs for _, pairs in along)
+    counts = sum(_counts_along(indicator, axis, max_lag, periodic) for axis in (0, 1))
+    return counts / sum(_fits_along(indicator.shape, axis, max_lag, periodic) for axis in (0, 1))
 
 
 def s2_of_slices(
@@ -144,22 +147,103 @@ def s2_volume(
         axis (x, y, z, and r for the average), lag_um, s2. On ``r`` the lag is the mean distance of the
         pairs in a shell one voxel thick.
     """
-    max_lag = min(volume.shape) // 2 if max_lag is None else max_lag
-    solid = np.asarray(volume)
-    with fft.set_workers(threads):
-        curves = {
-            name: (np.arange(max_lag + 1.0), s2_along(solid, AXES.index(name), max_lag, periodic=periodic))
-            for name in "xyz"
-        }
-        if radial:
-            curves["r"] = _radial(solid, max_lag // 2, periodic, block_bytes)
-    return pd.concat(
-        [
-            pd.DataFrame({"axis": name, "lag_um": lag * voxel_size_um, "s2": s2})
-            for name, (lag, s2) in curves.items()
-        ],
-        ignore_index=True,
+    counts = pair_counts(
+        volume, max_lag, periodic=periodic, radial=radial, threads=threads, block_bytes=block_bytes
     )
+    return s2_of_counts([counts], volume.shape, voxel_size_um, periodic=periodic)
+
+
+def pair_counts(
+    volume: np.ndarray,
+    max_lag: int | None = None,
+    *,
+    part: int = 1,
+    parts: int = 1,
+    periodic: bool = False,
+    radial: bool = True,
+    threads: int = 1,
+    block_bytes: int = BLOCK_BYTES,
+) -> dict[str, np.ndarray]:
+    """Pairs of the phase in one slab of a volume, by lag; those of all slabs add up to those of the volume.
+
+    Along x and y, a slab has the pairs in its planes; over all directions, those whose lower point lies in
+    its planes, for which it reads ``max_lag // 2`` planes beyond them. Along z, it has the pairs in its share
+    of the rows, read from bottom to top, and needs no planes of others.
+
+    Parameters
+    ----------
+    volume : (nz, ny, nx) array
+        Non-zero where the phase is; of an open volume file, no more is read than this slab needs.
+    max_lag : int, optional
+        Largest lag in voxels; half the shortest edge if omitted.
+    part, parts : int
+        Which slab, from 1, of how many. There may be more of them than planes: some are empty then.
+    periodic, radial, threads, block_bytes
+        As :func:`s2_volume` takes them.
+
+    Returns
+    -------
+    dict of str to (n,) int64
+        Pairs at lags 0, 1, 2 ... voxels along x, y, z; on ``r``, where it was asked for, in shells of all
+        directions.
+    """
+    max_lag = min(volume.shape) // 2 if max_lag is None else max_lag
+    nz, ny, _ = volume.shape
+    z0, z1 = share(nz, part, parts)
+    rows = slice(*share(ny, part, parts))
+    with fft.set_workers(threads):
+        along_z = _counts_along(np.asarray(volume[:, rows]), 0, max_lag, periodic)
+        end = z1 + (max_lag // 2 if radial else 0)
+        planes = np.asarray(volume[z0:end])
+        if periodic and end > nz:
+            planes = np.concatenate([planes, volume[: end - nz]])
+        own = planes[: z1 - z0]
+        along_x, along_y = (_counts_along(own, axis, max_lag, periodic) for axis in (2, 1))
+        counts = {"x": along_x, "y": along_y, "z": along_z}
+        if radial:
+            counts["r"] = _shell_counts(planes, len(own), max_lag // 2, periodic, block_bytes)
+    return counts
+
+
+def s2_of_counts(
+    counts: Sequence[Mapping[str, np.ndarray]],
+    shape: tuple[int, int, int],
+    voxel_size_um: float,
+    *,
+    periodic: bool = False,
+) -> pd.DataFrame:
+    """S2 of a volume from the pairs counted in its slabs.
+
+    Parameters
+    ----------
+    counts : sequence of mapping
+        Of every slab, as :func:`pair_counts` gives them.
+    shape : (nz, ny, nx)
+        Of the whole volume.
+    voxel_size_um : float
+    periodic : bool
+        As they were counted.
+
+    Returns
+    -------
+    DataFrame
+        As :func:`s2_volume`; any number of slabs gives the same bits.
+    """
+    total = {name: sum(slab[name] for slab in counts) for name in counts[0]}
+    curves = []
+    for name, found in total.items():
+        last = len(found) - 1
+        if name == "r":
+            lag, pairs = _shells(shape, last, periodic)
+        else:
+            lag, pairs = np.arange(last + 1.0), _fits_along(shape, AXES.index(name), last, periodic)
+        curves.append(pd.DataFrame({"axis": name, "lag_um": lag * voxel_size_um, "s2": found / pairs}))
+    return pd.concat(curves, ignore_index=True)
+
+
+def share(n: int, part: int, parts: int) -> tuple[int, int]:
+    """Start and stop of one of ``parts`` shares of ``n`` things, as equal as can be; ``part`` from 1."""
+    return (part - 1) * n // parts, part * n // parts
 
 
 def specific_surface(lag_um: np.ndarray, s2: np.ndarray) -> float:
@@ -192,78 +276,109 @@ def plane(volume: np.ndarray, axis: int, index: int) -> np.ndarray:
     return np.asarray(volume[(slice(None),) * axis + (index,)])
 
 
-def _pairs_along(
-    indicator: np.ndarray, axis: int, max_lag: int | None, periodic: bool
-) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of the phase and pairs that fit, at lags 0 ... max_lag along an axis."""
+def _counts_along(indicator: np.ndarray, axis: int, max_lag: int, periodic: bool) -> np.ndarray:
+    """Pairs of the phase at lags 0 ... max_lag along an axis."""
     n = indicator.shape[axis]
-    max_lag = n // 2 if max_lag is None else max_lag
     if not 0 <= max_lag < n:
         raise ValueError(f"largest lag {max_lag} does not fit in {n} pixels")
     lines = np.moveaxis(indicator, axis, -1)
     size = n if periodic else fft.next_fast_len(n + max_lag, real=True)
     power = np.zeros(size // 2 + 1)
     # Planes by planes, so that no transform of the whole volume is ever held.
-    step = max(1, LINES_AT_ONCE // int(np.prod(lines.shape[1:-1])))
+    step = max(1, LINES_AT_ONCE // prod(lines.shape[1:-1]))
     for i in range(0, len(lines), step):
         spectrum = fft.rfft((lines[i : i + step] != 0).astype(float), size, axis=-1).reshape(-1, len(power))
         power += np.einsum("ij,ij->j", spectrum.real, spectrum.real)
         power += np.einsum("ij,ij->j", spectrum.imag, spectrum.imag)
-    counts = np.rint(fft.irfft(power, size)[: max_lag + 1])
+    return np.rint(fft.irfft(power, size)[: max_lag + 1]).astype(np.int64)
+
+
+def _fits_along(shape: Sequence[int], axis: int, max_lag: int, periodic: bool) -> np.ndarray:
+    """Pairs that fit at lags 0 ... max_lag along an axis."""
+    n = shape[axis]
     fits = np.full(max_lag + 1, float(n)) if periodic else n - np.arange(max_lag + 1.0)
-    return counts, fits * (indicator.size // n)
+    return fits * (prod(shape) // n)
 
 
-def _radial(solid: np.ndarray, reach: int, periodic: bool, block_bytes: int) -> tuple[np.ndarray, np.ndarray]:
-    """S2 pooled over lag vectors in shells |r| = 0, 1, ... reach (each half a voxel to either side)."""
-    spectrum, size = _lag_spectrum(solid, reach, periodic, block_bytes)
+def _shells(shape: Sequence[int], reach: int, periodic: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Of the lags in shells |r| = 0, 1, ... reach (each one voxel thick): mean length, pairs that fit."""
     offsets = np.arange(-reach, reach + 1)
-    fits = [np.full(len(offsets), n) if periodic else n - np.abs(offsets) for n in solid.shape]
+    fits = [np.full(len(offsets), n) if periodic else n - np.abs(offsets) for n in shape]
     plane_fits = np.outer(fits[1], fits[2]).astype(float)
-    found, pairs, distance = np.zeros((3, reach + 1))
+    pairs, distance = np.zeros((2, reach + 1))
     for dz in range(reach + 1):
-        counts = np.rint(fft.irfft(spectrum[dz], size, axis=-1)[:, offsets])
-        r = np.sqrt(dz**2 + offsets[:, None] ** 2 + offsets[None, :] ** 2)
-        shell = np.rint(r).astype(int).ravel()
-        inside = shell <= reach
         twice = 2.0 if dz else 1.0  # the lag -r has the pairs of r
+        shell, r = _shells_at(dz, reach)
+        inside = shell <= reach
         fit = (twice * fits[0][reach + dz] * plane_fits).ravel()
-        for total, weight in ((found, twice * counts.ravel()), (pairs, fit), (distance, fit * r.ravel())):
+        for total, weight in ((pairs, fit), (distance, fit * r)):
             total += np.bincount(shell[inside], weight[inside], reach + 1)
-    return distance / pairs, found / pairs
+    return distance / pairs, pairs
 
 
-def _lag_spectrum(solid: np.ndarray, reach: int, periodic: bool, block_bytes: int) -> tuple[np.ndarray, int]:
-    """Pairs by lag along z (0 ... reach) and y (-reach ... reach), transformed along x, and the padded x.
+def _shells_at(dz: int, reach: int) -> tuple[np.ndarray, np.ndarray]:
+    """Shell and length of the lags (dz, -reach ... reach, -reach ... reach), raveled."""
+    square = np.arange(-reach, reach + 1) ** 2
+    r = np.sqrt(dz**2 + square[:, None] + square[None, :]).ravel()
+    return np.rint(r).astype(int), r
 
-    The frequencies along x have nothing to do with each other: a block of them at a time is transformed
-    along y and z, multiplied with itself, and only the lags wanted are kept on the way back. What the padding
-    of y and z takes is never there for all of the volume.
+
+def _shell_counts(planes: np.ndarray, own: int, reach: int, periodic: bool, block_bytes: int) -> np.ndarray:
+    """Pairs in shells |r| = 0, 1, ... reach whose lower point lies in the first ``own`` planes."""
+    found = np.zeros(reach + 1, np.int64)
+    if own == 0:
+        return found
+    offsets = np.arange(-reach, reach + 1)
+    # as many lags along z at a time as their spectrum has room for
+    step = max(1, block_bytes // (16 * len(offsets) * (planes.shape[2] + reach)))
+    for first in range(0, reach + 1, step):
+        lags = range(first, min(first + step, reach + 1))
+        spectrum, size = _lag_spectrum(planes, own, lags, reach, periodic, block_bytes)
+        for dz, lines in zip(lags, spectrum, strict=True):
+            counts = np.rint(fft.irfft(lines, size, axis=-1)[:, offsets]).ravel()
+            shell, _ = _shells_at(dz, reach)
+            inside = shell <= reach
+            twice = 2.0 if dz else 1.0  # the lag -r has the pairs of r
+            found += np.bincount(shell[inside], twice * counts[inside], reach + 1).astype(np.int64)
+    return found
+
+
+def _lag_spectrum(
+    planes: np.ndarray, own: int, lags: range, reach: int, periodic: bool, block_bytes: int
+) -> tuple[np.ndarray, int]:
+    """Pairs by lag along z (``lags``) and y (-reach ... reach), transformed along x, and the padded x.
+
+    The lower point of a pair lies in the first ``own`` planes. The frequencies along x have nothing to do
+    with each other: a block of them at a time is transformed along y and z, multiplied, and only the lags
+    wanted are kept on the way back. What the padding of y and z takes is never there for all of the volume.
     """
-    nz, ny, _ = solid.shape
-    size = solid.shape if periodic else [fft.next_fast_len(n + reach, real=True) for n in solid.shape]
+    planes = planes[: own + lags[-1]]
+    nz, ny, nx = planes.shape
+    size_y, size_x = (n if periodic else fft.next_fast_len(n + reach, real=True) for n in (ny, nx))
+    size_z = fft.next_fast_len(own + len(lags) - 1, real=True)
     kept = np.arange(-reach, reach + 1)
-    frequencies = size[2] // 2 + 1
-    spectrum = np.empty((reach + 1, len(kept), frequencies), complex)
+    frequencies = size_x // 2 + 1
+    spectrum = np.empty((len(lags), len(kept), frequencies), complex)
     # of a frequency: the planes padded in y, twice where that is being done
-    width = max(1, min(frequencies, block_bytes // (16 * 2 * nz * size[1])))
-    planes = max(1, LINES_AT_ONCE // ny)
-    rows = max(1, block_bytes // (16 * 8 * size[0] * width))
+    width = max(1, min(frequencies, block_bytes // (16 * 2 * nz * size_y)))
+    at_once = max(1, LINES_AT_ONCE // ny)
+    rows = max(1, block_bytes // (16 * 8 * size_z * width))
     for k in range(0, frequencies, width):
         block = slice(k, min(k + width, frequencies))
         along_x = np.empty((nz, ny, block.stop - k), complex)
-        for z in range(0, nz, planes):
-            lines = (solid[z : z + planes] != 0).astype(float)
-            along_x[z : z + planes] = fft.rfft(lines, size[2], axis=-1)[..., block]
-        along_y = fft.fft(along_x, size[1], axis=1)
+        for z in range(0, nz, at_once):
+            lines = (planes[z : z + at_once] != 0).astype(float)
+            along_x[z : z + at_once] = fft.rfft(lines, size_x, axis=-1)[..., block]
+        along_y = fft.fft(along_x, size_y, axis=1)
         del along_x
-        lags = np.empty((reach + 1, size[1], block.stop - k), complex)
-        for y in range(0, size[1], rows):
-            power = fft.fft(along_y[:, y : y + rows], size[0], axis=0)
-            np.square(power.real, out=power.real)
-            power.real += np.square(power.imag)
-            power.imag = 0.0
-            lags[:, y : y + rows] = fft.ifft(power, axis=0, overwrite_x=True)[: reach + 1]
+        by_lag = np.empty((len(lags), size_y, block.stop - k), complex)
+        for y in range(0, size_y, rows):
+            upper = fft.fft(along_y[lags[0] :, y : y + rows], size_z, axis=0)
+            same = lags[0] == 0 and own == nz  # of a whole volume
+            lower = upper if same else fft.fft(along_y[:own, y : y + rows], size_z, axis=0)
+            for above, below in zip(upper, lower, strict=True):
+                above *= below.conj()
+            by_lag[:, y : y + rows] = fft.ifft(upper, axis=0, overwrite_x=True)[: len(lags)]
         del along_y
-        spectrum[..., block] = fft.ifft(lags, axis=1, overwrite_x=True)[:, kept]
-    return spectrum, size[2]
+        spectrum[..., block] = fft.ifft(by_lag, axis=1, overwrite_x=True)[:, kept]
+    return spectrum, size_x
