@@ -40,6 +40,12 @@ class Progress:
         print(f"[{self.label}] {line}", file=self.terminal, flush=True)
 
 
+def part(wildcards) -> tuple[int, int]:
+    """Which part of how many a scattered job does, from 1; the only one where the rule is not scattered."""
+    which, of = wildcards.get("scatteritem", "1-of-1").split("-of-")
+    return int(which), int(of)
+
+
 @contextmanager
 def checkpoints(snakemake):
     """Folder for what a killed job leaves to its next run; gone when the block ends well.

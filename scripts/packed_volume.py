@@ -1,6 +1,6 @@
-"""A packing as voxels, virtual spheres included."""
+"""A packing as voxels, or a slab of it, virtual spheres included."""
 
-from _stage import stage
+from _stage import part, stage
 
 from grainfall import grains, io, volume
 
@@ -12,6 +12,7 @@ with stage(snakemake) as progress:
         scene["shape_zyx"],
         scene["voxel_size_um"],
         slab=io.CHUNK,
+        planes=io.slab(scene["shape_zyx"][0], *part(snakemake.wildcards)),
     )
     with io.create_volume(
         snakemake.output.volume,

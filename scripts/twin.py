@@ -15,19 +15,9 @@ with stage(snakemake) as progress:
         settings["effects"],
         settings["feedback"]["limit"],
     )
-    with io.create_volume(
-        snakemake.output.twin,
-        tuple(scene["shape_zyx"]),
-        {"phase": "uint8", "body": "int32"},
-        scene["voxel_size_um"],
-        {
-            "phases": scene["phases"] + (["cement"] if cement["on"] else []),
-            "seed": snakemake.params.stream["seed"],
-        },
-    ) as twin:
-        for z, phase, body in slabs:
-            twin["phase"][z : z + len(phase)] = phase
-            twin["body"][z : z + len(body)] = body
+    # Cement takes the whole region; other voxels are left to the jobs of the slabs, where there are any.
+    here = slabs if cement["on"] or snakemake.params.slabs == 1 else ()
+    volume.write_twin(snakemake.output.twin, here, scene, cement["on"], snakemake.params.stream["seed"])
     io.write_table(snakemake.output.bodies, bodies)
     io.write_json(snakemake.output.correction, scaling)
     io.write_json(snakemake.output.cement, cement)

@@ -10,8 +10,8 @@ import shutil
 import tempfile
 import time
 import zipfile
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import lazy_loader
@@ -216,7 +216,7 @@ def create_volume(
     ------
     dict of str to zarr.Array
         To be filled, best by slabs of :data:`CHUNK` planes; the file is there when the block ends. Until then
-        chunks are kept as they are stored, compressed.
+        chunks are kept as they are stored, compressed. What is not filled is 0, and takes no room.
     """
     first, axes = next(iter(kinds)), ["z", "y", "x"][-len(shape) :]
     ome = {
@@ -251,9 +251,62 @@ def create_volume(
         name: group.create_array(name, shape=shape, dtype=kind, chunks=chunks, dimension_names=axes)
         for name, kind in kinds.items()
     }
+    _write_entries(path, ((key, store[key].to_bytes()) for key in sorted(store)))
+
+
+def _write_entries(path: str | Path, entries: Iterable[tuple[str, bytes]]) -> None:
+    """The zip file of a volume, entry by entry: stored as they are, with a fixed date."""
     with atomic_path(path) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_STORED) as archive:
-        for key in sorted(store):
-            archive.writestr(zipfile.ZipInfo(key, ZIP_EPOCH), store[key].to_bytes())
+        for key, content in entries:
+            archive.writestr(zipfile.ZipInfo(key, ZIP_EPOCH), content)
+
+
+def share(n: int, part: int, parts: int) -> tuple[int, int]:
+    """Start and stop of one of ``parts`` shares of ``n`` things, as equal as can be; ``part`` from 1."""
+    return (part - 1) * n // parts, part * n // parts
+
+
+def slab(planes: int, part: int, parts: int) -> tuple[int, int]:
+    """Start and stop of one of ``parts`` slabs of a volume that share no chunk of its file; ``part`` from 1.
+
+    There are no more slabs than layers of chunks, :data:`CHUNK` planes each: the others are empty.
+    """
+    start, stop = share(math.ceil(planes / CHUNK), part, parts)
+    return min(start * CHUNK, planes), min(stop * CHUNK, planes)
+
+
+def join_volumes(path: str | Path, parts: Iterable[str | Path]) -> None:
+    """One volume file of several of the same shape and attributes, each filled in other chunks.
+
+    Chunks are copied as they are stored: the file has the bytes that it would have, were it written at once.
+
+    Parameters
+    ----------
+    path : str or Path
+        Target, ``*.zarr.zip``; written under a temporary name and renamed.
+    parts : iterable of path
+        Files that :func:`create_volume` wrote.
+
+    Raises
+    ------
+    InputError
+        When one of them is missing or damaged, or they are not parts of one volume.
+    """
+    with ExitStack() as opened:
+        holder: dict[str, zipfile.ZipFile] = {}
+
+        def read(archive: zipfile.ZipFile, key: str) -> bytes:
+            with _reading(archive.filename, "volume"):
+                return archive.read(key)
+
+        for part in parts:
+            with _reading(part, "volume"):
+                archive = opened.enter_context(zipfile.ZipFile(part))
+            for key in archive.namelist():
+                first = holder.setdefault(key, archive)
+                if first is not archive and read(first, key) != read(archive, key):
+                    raise InputError(part, f"has another {key} than {first.filename}", "parts of one volume")
+        _write_entries(path, ((key, read(holder[key], key)) for key in sorted(holder)))
 
 
 def read_volume(path: str | Path, name: str | None = None) -> tuple[np.ndarray, dict]:

@@ -65,6 +65,40 @@ def test_slabs_give_the_bytes_of_the_whole_and_are_read_as_it(tmp_path, monkeypa
     assert not (tmp_path / "half.zarr.zip").exists()
 
 
+@pytest.mark.parametrize("parts", [1, 2, 3, 5])
+def test_slabs_in_files_of_their_own_join_to_the_bytes_of_the_whole(tmp_path, monkeypatch, parts):
+    """Three layers of chunks: of five slabs, two are empty; the last layer is all pore, and not stored."""
+    monkeypatch.setattr(io, "CHUNK", 4)
+    body = np.random.default_rng(1).integers(0, 9, (11, 6, 5)).astype(np.int32)
+    body[8:] = 0
+    arrays = {"phase": (body > 0).astype(np.uint8), "body": body}
+    io.write_volume(tmp_path / "whole.zarr.zip", arrays, 1.5, {"seed": 7})
+    kinds = {name: array.dtype for name, array in arrays.items()}
+    files, cuts = [], [0]
+    for part in range(1, parts + 1):
+        start, stop = io.slab(len(body), part, parts)
+        assert start == cuts[-1]
+        cuts.append(stop)
+        files.append(tmp_path / f"{part}.zarr.zip")
+        with io.create_volume(files[-1], body.shape, kinds, 1.5, {"seed": 7}) as target:
+            for name, array in arrays.items():
+                target[name][start:stop] = array[start:stop]
+    assert cuts[-1] == len(body)
+    io.join_volumes(tmp_path / "joined.zarr.zip", files)
+    assert (tmp_path / "joined.zarr.zip").read_bytes() == (tmp_path / "whole.zarr.zip").read_bytes()
+
+
+def test_parts_of_different_volumes_do_not_join(tmp_path, volume):
+    io.write_volume(tmp_path / "a.zarr.zip", {"phase": volume}, 1.0, {"seed": 7})
+    io.write_volume(tmp_path / "b.zarr.zip", {"phase": volume}, 1.0, {"seed": 8})
+    with pytest.raises(InputError, match=r"b\.zarr\.zip: has another zarr\.json than .*parts of one volume"):
+        io.join_volumes(tmp_path / "c.zarr.zip", [tmp_path / "a.zarr.zip", tmp_path / "b.zarr.zip"])
+    (tmp_path / "b.zarr.zip").write_bytes(b"no zip")
+    with pytest.raises(InputError, match=r"b\.zarr\.zip: not a readable volume"):
+        io.join_volumes(tmp_path / "c.zarr.zip", [tmp_path / "a.zarr.zip", tmp_path / "b.zarr.zip"])
+    assert not (tmp_path / "c.zarr.zip").exists()
+
+
 def test_failed_write_keeps_the_old_file_and_no_litter(tmp_path):
     path = tmp_path / "t.csv"
     io.write_text(path, "old")

@@ -229,6 +229,42 @@ def test_edit_of_a_late_chapter_reruns_what_it_touches(finished, tmp_path):
     assert not {"first_packing", "twin", "network", "flow", "s2_volume"} & set(rerun)
 
 
+def test_any_number_of_slabs_gives_the_same_bytes(finished, tmp_path):
+    """With chunks of 16 planes in place of 128, so that a tiny volume has three layers of them.
+
+    Cemented, too, which is done as a whole; with more slabs than layers, of which one is empty.
+    """
+    house, parts = tmp_path / "house", ("workflow", "scripts", "config", "src", "envs")
+    for part in parts:  # with what numba has compiled
+        shutil.copytree(ROOT / part, house / part, ignore=shutil.ignore_patterns("*.tmp.*", "*.pyc.*"))
+    shutil.copy(ROOT / "Snakefile", house)
+    module = house / "src/grainfall/io.py"
+    module.write_text(module.read_text().replace("CHUNK = 128", "CHUNK = 16"))
+    made = [
+        *(f"results/tiny/full/0/{name}" for name in ("twin.zarr.zip", "bodies.csv", "s2_volume.csv")),
+        *("results/tiny/full/0/second/volume.zarr.zip", "results/tiny/reference_s2.csv"),
+    ]
+    found = {}
+    for slabs, cement, wanted in (
+        (1, "auto", made),
+        (2, "auto", made),
+        (1, "on", made[:2]),
+        (4, "on", made[:2]),
+    ):
+        folder = shutil.copytree(finished, tmp_path / f"{slabs} {cement}")
+        for path in wanted:
+            (folder / path).unlink()
+        write_config(folder, changed(slabs=slabs, effects={"cement": cement}))
+        done = snakemake(folder, "--rerun-triggers", "mtime", "--", *wanted, snakefile=house / "Snakefile")
+        assert done.returncode == 0, done.stdout[-6000:]
+        assert ("twin_slab" in done.stdout) == (slabs > 1)
+        assert not list((folder / "results").rglob("slabs/*"))
+        found[slabs, cement] = [(folder / path).read_bytes() for path in wanted]
+    assert found[2, "auto"] == found[1, "auto"]
+    assert found[4, "on"] == found[1, "on"]
+    assert found[1, "on"][0] != found[1, "auto"][0]
+
+
 def test_one_core_and_other_chunks_give_the_same_bytes(finished, tmp_path):
     folder = write_config(tmp_path / "again", changed(correlation={"chunks": 3}))
     # figures and pages are not compared: they tell of times

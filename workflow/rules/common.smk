@@ -16,7 +16,7 @@ HOUSE = Path(workflow.basedir)
 sys.path.insert(0, str(HOUSE / "src"))
 
 from grainfall import config as sheet
-from grainfall import presets, provenance
+from grainfall import io, presets, provenance
 from grainfall.cli import needs
 from grainfall.errors import InputError
 from grainfall.export import FORMATS
@@ -103,6 +103,7 @@ if CONFIG["accuracy"]:
 
 VARIANTS = {name: sheet.variant(CONFIG, name) for name in CONFIG["variants"]}
 REALIZATIONS = range(CONFIG["realizations"])
+SLABS = CONFIG["slabs"]
 SLICES = [name for name, row in SAMPLES.items() if row["kind"] == "slice"]
 REFERENCED = [
     name
@@ -158,6 +159,7 @@ wildcard_constraints:
 
 scattergather:
     slices=CONFIG["correlation"]["chunks"],
+    slabs=SLABS,
 
 
 GRAPH = grimp.build_graph("grainfall", cache_dir=None)
@@ -201,8 +203,21 @@ SNAKEMAKE_MB = 300  # on a cluster one runs beside a job's script
 STOKES_MB = 600  # `elliptic` and `direct`: 1.2 kB a pore voxel, were every other voxel one; per million voxels
 
 
+def share_of_slab(rulename, size):
+    """Share of its volume that a slab's job holds: its planes, and for S2 a quarter of all beyond them.
+
+    Slabs that are voxelised consist of whole chunks: up to a layer of them more.
+    """
+    beyond = 1 / 4 if "s2" in rulename else io.CHUNK / (1e6 * size["Mvoxel"]) ** (1 / 3)
+    return min(1, 1 / SLABS + beyond)
+
+
 def need(rulename, wildcards):
-    """What a job needs by what such jobs have needed, None where that, or its size, is not known; and its size."""
+    """What a job needs by what such jobs have needed, None where that, or its size, is not known; and its size.
+
+    A slab's job, of a rule X_slab, needs what that of rule X would for a volume of its size.
+    """
+    rulename, slab, _ = rulename.partition("_slab")
     if rulename == "synthesise":
         size = needs.of_shape(SYNTHESES[wildcards.sample]["shape"])
     else:
@@ -211,6 +226,8 @@ def need(rulename, wildcards):
         )
         coarsen = VARIANTS.get(variant, CONFIG)["network"]["coarsen"]
         size = needs.size_of(rulename, folder, variant, coarsen)
+    if slab and size:
+        size["Mvoxel"] *= share_of_slab(rulename, size)
     return NEEDS.job(rulename, size), size
 
 

@@ -76,6 +76,80 @@ use rule s2_volume as reference_s2 with:
         sample=any_of(MEASURED),
 
 
+if SLABS > 1:
+
+    ruleorder: s2_volume_joined > s2_volume
+    ruleorder: reference_s2_joined > reference_s2
+
+    rule s2_volume_slab:
+        input:
+            volume=f"{TWIN}/twin.zarr.zip",
+        output:
+            counts=temp(f"{TWIN}/slabs/s2_{{scatteritem}}.npz"),
+        log:
+            f"{TWIN}/logs/s2_volume_{{scatteritem}}.log",
+        benchmark:
+            f"{TWIN}/benchmarks/s2_volume_{{scatteritem}}.tsv"
+        conda:
+            ENVS["analysis"]
+        resources:
+            mem_mb=memory(4000),
+            runtime=runtime(30),
+        params:
+            science=science("correlation"),
+        script:
+            "../../scripts/s2_volume_slab.py"
+
+    use rule s2_volume_slab as reference_s2_slab with:
+        input:
+            volume=f"{SAMPLE}/reference.zarr.zip",
+        output:
+            counts=temp(f"{SAMPLE}/slabs/reference_s2_{{scatteritem}}.npz"),
+        log:
+            f"{SAMPLE}/logs/reference_s2_{{scatteritem}}.log",
+        benchmark:
+            f"{SAMPLE}/benchmarks/reference_s2_{{scatteritem}}.tsv"
+        wildcard_constraints:
+            sample=any_of(MEASURED),
+
+    rule s2_volume_joined:
+        input:
+            volume=f"{TWIN}/twin.zarr.zip",
+            counts=gather.slabs(
+                f"{TWIN}/slabs/s2_{{scatteritem}}.npz", allow_missing=True
+            ),
+        output:
+            s2=f"{TWIN}/s2_volume.csv",
+        log:
+            f"{TWIN}/logs/s2_volume.log",
+        benchmark:
+            f"{TWIN}/benchmarks/s2_volume.tsv"
+        conda:
+            ENVS["analysis"]
+        resources:
+            mem_mb=1000,
+            runtime=10,
+        params:
+            science=science("correlation"),
+        script:
+            "../../scripts/s2_volume_joined.py"
+
+    use rule s2_volume_joined as reference_s2_joined with:
+        input:
+            volume=f"{SAMPLE}/reference.zarr.zip",
+            counts=gather.slabs(
+                f"{SAMPLE}/slabs/reference_s2_{{scatteritem}}.npz", allow_missing=True
+            ),
+        output:
+            s2=f"{SAMPLE}/reference_s2.csv",
+        log:
+            f"{SAMPLE}/logs/reference_s2.log",
+        benchmark:
+            f"{SAMPLE}/benchmarks/reference_s2.tsv"
+        wildcard_constraints:
+            sample=any_of(MEASURED),
+
+
 rule s2_envelope:
     input:
         labels=f"{SAMPLE}/labels.zarr.zip",

@@ -13,6 +13,13 @@ TWIN_JOBS = [
     "flow",
     "contacts",
 ]
+if SLABS > 1:
+    TWIN_JOBS += [
+        "twin_joined",
+        *gather.slabs("first_volume_{scatteritem}"),
+        *gather.slabs("twin_{scatteritem}"),
+        *gather.slabs("s2_volume_{scatteritem}"),
+    ]
 FIGURES = [
     "block",
     "section",

@@ -31,7 +31,11 @@ rule twin:
         bodies=f"{TWIN}/second/bodies.csv",
         packing=f"{TWIN}/second/packing.json",
     output:
-        twin=f"{TWIN}/twin.zarr.zip",
+        twin=(
+            f"{TWIN}/twin.zarr.zip"
+            if SLABS == 1
+            else temp(f"{TWIN}/slabs/cemented.zarr.zip")
+        ),
         bodies=f"{TWIN}/bodies.csv",
         correction=f"{TWIN}/correction.json",
         cement=f"{TWIN}/cement.json",
@@ -47,9 +51,86 @@ rule twin:
     params:
         stream=stream,
         settings=settings("effects", "feedback"),
+        slabs=SLABS,
         science=science("volume"),
     script:
         "../../scripts/twin.py"
+
+
+if SLABS > 1:
+
+    ruleorder: packed_volume_joined > packed_volume
+
+    use rule packed_volume as packed_volume_slab with:
+        output:
+            volume=temp(f"{TWIN}/{{packing}}/slabs/{{scatteritem}}.zarr.zip"),
+        log:
+            f"{TWIN}/logs/{{packing}}_volume_{{scatteritem}}.log",
+        benchmark:
+            f"{TWIN}/benchmarks/{{packing}}_volume_{{scatteritem}}.tsv"
+
+    rule twin_slab:
+        input:
+            scene=f"{VARIANT}/scene.json",
+            library=f"{SAMPLE}/grains3d",
+            bodies=f"{TWIN}/bodies.csv",
+            cement=f"{TWIN}/cement.json",
+        output:
+            volume=temp(f"{TWIN}/slabs/{{scatteritem}}.zarr.zip"),
+        log:
+            f"{TWIN}/logs/twin_{{scatteritem}}.log",
+        benchmark:
+            f"{TWIN}/benchmarks/twin_{{scatteritem}}.tsv"
+        conda:
+            ENVS["analysis"]
+        resources:
+            mem_mb=memory(4000),
+            runtime=runtime(30),
+        params:
+            stream=stream,
+            science=science("volume"),
+        script:
+            "../../scripts/twin_slab.py"
+
+    # The bodies are what a joined volume was made of when its slabs are gone.
+    rule packed_volume_joined:
+        input:
+            bodies=f"{TWIN}/{{packing}}/bodies.csv",
+            slabs=gather.slabs(
+                f"{TWIN}/{{packing}}/slabs/{{scatteritem}}.zarr.zip",
+                allow_missing=True,
+            ),
+        output:
+            volume=f"{TWIN}/{{packing}}/volume.zarr.zip",
+        log:
+            f"{TWIN}/logs/{{packing}}_volume.log",
+        benchmark:
+            f"{TWIN}/benchmarks/{{packing}}_volume.tsv"
+        conda:
+            ENVS["analysis"]
+        resources:
+            mem_mb=1000,
+            runtime=30,
+        params:
+            science=science(),
+        script:
+            "../../scripts/join_volume.py"
+
+    use rule packed_volume_joined as twin_joined with:
+        input:
+            bodies=f"{TWIN}/bodies.csv",
+            slabs=[
+                f"{TWIN}/slabs/cemented.zarr.zip",
+                *gather.slabs(
+                    f"{TWIN}/slabs/{{scatteritem}}.zarr.zip", allow_missing=True
+                ),
+            ],
+        output:
+            volume=f"{TWIN}/twin.zarr.zip",
+        log:
+            f"{TWIN}/logs/twin_joined.log",
+        benchmark:
+            f"{TWIN}/benchmarks/twin_joined.tsv"
 
 
 rule export:

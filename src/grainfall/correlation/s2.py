@@ -15,6 +15,8 @@ import numpy as np
 import pandas as pd
 from scipy import fft
 
+from grainfall.io import share
+
 AXES = ("z", "y", "x")
 LINES_AT_ONCE = 4096
 
@@ -229,9 +231,9 @@ def s2_of_counts(
     DataFrame
         As :func:`s2_volume`; any number of slabs gives the same bits.
     """
-    total = {name: sum(slab[name] for slab in counts) for name in counts[0]}
     curves = []
-    for name, found in total.items():
+    for name in (name for name in "xyzr" if name in counts[0]):
+        found = sum(slab[name] for slab in counts)
         last = len(found) - 1
         if name == "r":
             lag, pairs = _shells(shape, last, periodic)
@@ -239,11 +241,6 @@ def s2_of_counts(
             lag, pairs = np.arange(last + 1.0), _fits_along(shape, AXES.index(name), last, periodic)
         curves.append(pd.DataFrame({"axis": name, "lag_um": lag * voxel_size_um, "s2": found / pairs}))
     return pd.concat(curves, ignore_index=True)
-
-
-def share(n: int, part: int, parts: int) -> tuple[int, int]:
-    """Start and stop of one of ``parts`` shares of ``n`` things, as equal as can be; ``part`` from 1."""
-    return (part - 1) * n // parts, part * n // parts
 
 
 def specific_surface(lag_um: np.ndarray, s2: np.ndarray) -> float:

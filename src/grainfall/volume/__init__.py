@@ -4,7 +4,7 @@ from grainfall.volume.cement import as_minerals, cement, grow_rims
 from grainfall.volume.coarsen import coarsen
 from grainfall.volume.correction import correct_porosity
 from grainfall.volume.export import export_metaimage, export_raw, export_vti
-from grainfall.volume.finish import finish, make_room
+from grainfall.volume.finish import finish, make_room, write_twin
 from grainfall.volume.measures import adjacent_pairs, describe, euler_number, porosity
 from grainfall.volume.scan import VIRTUAL, packed_porosity, voxelise, voxelise_slabs
 
@@ -27,4 +27,5 @@ __all__ = [
     "porosity",
     "voxelise",
     "voxelise_slabs",
+    "write_twin",
 ]

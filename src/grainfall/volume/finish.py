@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from grainfall.io import CHUNK
+from grainfall.io import CHUNK, create_volume
 from grainfall.packing.plan import decide
 from grainfall.volume.cement import cement
 from grainfall.volume.correction import correct_porosity
@@ -83,6 +84,35 @@ def finish(
     nothing["room"] = 1.0
     slabs = voxelise_slabs(grains, library, shape, voxel, slab=CHUNK)
     return grains, slabs, scaling, {**nothing, **rims}
+
+
+def write_twin(
+    path: str | Path,
+    slabs: Iterable[tuple[int, np.ndarray, np.ndarray]],
+    scene: Mapping,
+    cemented: bool,
+    seed: int,
+) -> None:
+    """The volume file of a twin, or of some slabs of it.
+
+    Parameters
+    ----------
+    path : str or Path
+        Target, ``*.zarr.zip``.
+    slabs : iterable of z, phase, body
+        As :func:`finish` gives them; where none is, the file is that of an empty region.
+    scene : mapping
+        shape_zyx, voxel_size_um, phases.
+    cemented : bool
+        Whether cement is a phase of the twin.
+    seed : int
+    """
+    attributes = {"phases": scene["phases"] + (["cement"] if cemented else []), "seed": seed}
+    kinds = {"phase": "uint8", "body": "int32"}
+    with create_volume(path, tuple(scene["shape_zyx"]), kinds, scene["voxel_size_um"], attributes) as twin:
+        for z, phase, body in slabs:
+            twin["phase"][z : z + len(phase)] = phase
+            twin["body"][z : z + len(body)] = body
 
 
 def make_room(bodies: pd.DataFrame, scene: Mapping, porosity_before: float) -> tuple[pd.DataFrame, float]:

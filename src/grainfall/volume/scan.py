@@ -105,10 +105,11 @@ def voxelise_slabs(
     sphere_label: int = VIRTUAL,
     *,
     slab: int = 64,
+    planes: tuple[int, int] | None = None,
 ) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
     """Voxelise slab by slab where the whole volume should not be held at once.
 
-    Parameters are those of :func:`voxelise`.
+    Parameters are those of :func:`voxelise`, and ``planes``: start and stop of those wanted, all if omitted.
 
     Yields
     ------
@@ -117,9 +118,10 @@ def voxelise_slabs(
     phase, body : (<= slab, ny, nx) uint8 and int32
     """
     scene = _Scene(bodies, library, voxel_size_um, origin_um, sphere_label)
-    for z in range(0, shape[0], slab):
-        planes = (min(slab, shape[0] - z), *shape[1:])
-        phase, body = np.empty(planes, np.uint8), np.empty(planes, np.int32)
+    start, stop = planes or (0, shape[0])
+    for z in range(start, stop, slab):
+        part = (min(slab, stop - z), *shape[1:])
+        phase, body = np.empty(part, np.uint8), np.empty(part, np.int32)
         scene.fill(z, phase, body)
         yield z, phase, body
 
