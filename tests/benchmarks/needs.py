@@ -64,6 +64,8 @@ def jobs_of(folder: Path) -> pd.DataFrame:
         sample, rule = folder / "results" / place[0], rule_of(file.stem)
         if rule not in PER:
             continue
+        if rule != "s2_slices" and any(file.parent.glob(f"{file.stem}_*-of-*.tsv")):
+            continue  # slabs did the work
         measured = pd.read_csv(file, sep="\t", na_values=["-"]).iloc[0]
         variant = place[1] if len(place) > 3 else None
         if rule == "synthesise":

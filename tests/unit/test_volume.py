@@ -158,6 +158,10 @@ def test_independent_of_slabs_threads_and_row_order(seed, slab, threads):
     assert [s[0] for s in slabs] == list(range(0, 30, slab))
     np.testing.assert_array_equal(np.concatenate([s[1] for s in slabs]), phase)
     np.testing.assert_array_equal(np.concatenate([s[2] for s in slabs]), body)
+    some = list(volume.voxelise_slabs(bodies, library, shape, 1.0, slab=slab, planes=(7, 19)))
+    assert [s[0] for s in some] == list(range(7, 19, slab))
+    np.testing.assert_array_equal(np.concatenate([s[2] for s in some]), body[7:19])
+    assert not list(volume.voxelise_slabs(bodies, library, shape, 1.0, planes=(30, 30)))
 
 
 def test_translation_by_whole_voxels_commutes():
