@@ -16,7 +16,7 @@ with stage(snakemake) as progress:
         settings["feedback"]["limit"],
     )
     # Cement takes the whole region; other voxels are left to the jobs of the slabs, where there are any.
-    here = slabs if cement["on"] or snakemake.params.slabs == 1 else ()
+    here = slabs if snakemake.params.whole or cement["on"] else ()
     volume.write_twin(snakemake.output.twin, here, scene, cement["on"], snakemake.params.stream["seed"])
     io.write_table(snakemake.output.bodies, bodies)
     io.write_json(snakemake.output.correction, scaling)

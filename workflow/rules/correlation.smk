@@ -104,7 +104,7 @@ if SLABS > 1:
         input:
             volume=f"{SAMPLE}/reference.zarr.zip",
         output:
-            counts=temp(f"{SAMPLE}/slabs/reference_s2_{{scatteritem}}.npz"),
+            counts=temp(f"{SAMPLE}/reference_s2_{{scatteritem}}.npz"),
         log:
             f"{SAMPLE}/logs/reference_s2_{{scatteritem}}.log",
         benchmark:
@@ -138,7 +138,7 @@ if SLABS > 1:
         input:
             volume=f"{SAMPLE}/reference.zarr.zip",
             counts=gather.slabs(
-                f"{SAMPLE}/slabs/reference_s2_{{scatteritem}}.npz", allow_missing=True
+                f"{SAMPLE}/reference_s2_{{scatteritem}}.npz", allow_missing=True
             ),
         output:
             s2=f"{SAMPLE}/reference_s2.csv",

@@ -51,7 +51,7 @@ rule twin:
     params:
         stream=stream,
         settings=settings("effects", "feedback"),
-        slabs=SLABS,
+        whole=SLABS == 1,
         science=science("volume"),
     script:
         "../../scripts/twin.py"
