@@ -26,7 +26,8 @@ def match_density(
     Friction holds a bed open, so its coefficients are multiplied by a factor in [:data:`SLICK`, 1],
     ``lubrication``. The first pass has as little friction as that: it tells whether lubrication suffices. If
     so, the factor is bracketed by that pass and the loose packing and found by regula falsi; if not, the
-    slick bed is tapped, more often in each pass. The aim is a quarter of the tolerance above the target,
+    slick bed is tapped, more often in each pass, as long as what the last one gained would do if each of those
+    left gained as much. The aim is a quarter of the tolerance above the target,
     because contracting positions is a gentler correction than pulling grains apart.
 
     Parameters
@@ -75,8 +76,8 @@ def match_density(
             nearest = min(nearest, found, key=lambda porosity: abs(porosity - target))
             if found <= aim:
                 many = taps, found
-            elif few[1] - found < tolerance / 4 and few[0]:
-                break  # twice the taps did next to nothing
+            elif left * (few[1] - found) < found - target - tolerance:
+                break  # the next ones do less each, and together they would not do
             else:
                 few = taps, found
             taps = 2 * taps if many is None else (few[0] + many[0]) // 2
