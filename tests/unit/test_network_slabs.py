@@ -1,8 +1,9 @@
 """Pore networks slab by slab: whatever the slabs, what comes of the whole volume."""
 
+from itertools import pairwise
+
 import edt
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
@@ -17,7 +18,7 @@ def medium(seed: int, shape: tuple[int, int, int], porosity: float, blur: float)
 
 
 def distances_by_slabs(pore: np.ndarray, cuts: list[int]) -> list[np.ndarray]:
-    ends = [distance.solid_columns(pore[lo:hi], lo) for lo, hi in zip(cuts[:-1], cuts[1:], strict=True)]
+    ends = [distance.solid_columns(pore[lo:hi], lo) for lo, hi in pairwise(cuts)]
     return [
         distance.squared_distances(
             pore[cuts[i] : cuts[i + 1]],

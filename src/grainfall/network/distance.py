@@ -5,9 +5,9 @@ The square of the distance is separable,
 .. math:: d^2(z, y, x) = \min_{y', x'} \left[ (y - y')^2 + (x - x')^2 + \min_{z'} (z - z')^2 \right]
 
 with the inner minimum over the solid voxels of the column :math:`(y', x')`: all that a slab must know of the
-others is, for each column, the last solid plane below it and the first above. The rest is done plane by plane,
-by the lower envelope of parabolas (Felzenszwalb & Huttenlocher 2012), in whole numbers. What lies outside the
-image is no solid.
+others is, for each column, the last solid plane below it and the first above. The rest is done plane by
+plane, by the lower envelope of parabolas (Felzenszwalb & Huttenlocher 2012), in whole numbers. What lies
+outside the image is no solid.
 """
 
 from __future__ import annotations
@@ -131,7 +131,7 @@ def _within_planes(away, squared):
 
 @njit(cache=True)
 def _lower_envelope(line, n, at, start, out):
-    """Lowest of the parabolas (i - q)^2 + line[q] at every i: the q's `at` of the envelope, each from `start`."""
+    """Lowest of the parabolas (i - q)^2 + line[q] at every i; `at` and `start` are room for as many."""
     k = -1
     for q in range(n):
         if line[q] == FAR:
