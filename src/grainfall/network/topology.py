@@ -223,7 +223,8 @@ def find_classes(parts: Partition) -> Classes:
     shape, tree = parts.labels.shape, parts.tree.reshape(-1)
     squared = parts.squared_distance.reshape(-1)
     order = np.empty(np.count_nonzero(squared), np.int32 if squared.size < 2**31 else np.int64)
-    _sort_falling(squared, order)
+    if len(order):
+        _sort_falling(squared, order)
     sweep = (squared, order, tree, shape)
     keys, classes = np.zeros(CHUNK, np.int64), np.zeros(CHUNK, np.int32)
     table = np.full(2 * CHUNK, -1, np.int32)
