@@ -1,4 +1,4 @@
-r"""The pore network of a volume that comes in slabs of planes: the very network of the whole, to the last bit.
+"""The pore network of a volume in slabs of planes: the very network of the whole, to the last bit.
 
 Five things are done to every slab, each by itself, and between them three are done to what the slabs have in
 common, which is no more than the planes where they touch and the graph of pores and throats. Slabs hand on
@@ -74,8 +74,8 @@ Arrays: TypeAlias = dict[str, np.ndarray]
 """What one step hands on to others, by name; io.write_arrays writes it."""
 
 BEFORE, BEHIND = 3, 4
-"""Planes of other slabs that a slab is looked at with: what is around the neighbours of its voxels, and, as the
-edges to the plane behind are a slab's own, around those of that plane's."""
+"""Planes of other slabs that a slab is looked at with: what is around the neighbours of its voxels and, as
+the edges to the plane behind are its own, around those of that plane's voxels."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ class Slab:
 
     @property
     def window(self) -> tuple[int, int]:
-        """The planes that it is looked at with, from the first to before the second; none for a slab of none."""
+        """First of the planes that it is looked at with, and the plane behind them; none if it has none."""
         if self.start == self.stop:
             return self.start, self.stop
         return max(self.start - BEFORE, 0), min(self.stop + BEHIND, self.shape[0])
@@ -121,7 +121,7 @@ class Slab:
 
 
 def cut(shape: tuple[int, int, int], slabs: int) -> list[Slab]:
-    """Cut a volume into slabs of as many planes or one fewer; the last are of none where planes are too few."""
+    """Cut a volume into slabs of equally many planes or one more; of too few planes the last have none."""
     nz, count = shape[0], min(slabs, shape[0])
     ends = [nz * i // count for i in range(count)] + [nz] * (slabs - count + 1)
     return [Slab(tuple(shape), *ends[i : i + 2]) for i in range(slabs)]
@@ -155,9 +155,9 @@ def grow_basins(squared: np.ndarray, slab: Slab) -> tuple[Arrays, Arrays]:
     field : dict
         ``squared`` as given, ``labels`` and ``tree`` of the window as in :class:`Basins`.
     graph : dict
-        ``tops``, ``heights``, ``around`` of its maxima; ``before``, how many labels come before theirs; ``first``
-        and ``last``, labels of the pore voxels in its first and its last plane; ``faces``, ``ends``,
-        ``saddle_heights``, ``saddle_around`` of its saddles. Places are those in the volume.
+        ``tops``, ``heights``, ``around`` of its maxima; ``count`` of labels and of those ``before`` the
+        maxima's; ``first`` and ``last``, labels of the pore voxels in its first and its last plane;
+        ``faces``, ``ends``, ``saddle_heights``, ``saddle_around`` of its saddles. Places are in the volume.
     """
     own = slab.own
     found = find_basins(squared, own.start, own.stop)
@@ -202,15 +202,13 @@ def join_slabs(
     Returns
     -------
     list of dict
-        Per slab: ``number``, pore of each of its labels, from 1, and 0 of 0; ``pores``, the pores among them in
-        order, and ``peaks``, their largest squared distances; ``joined``, faces in the slab and in the plane
-        behind it across which basins were joined.
+        Per slab: ``number``, pore of each of its labels, from 1, and 0 of 0; ``pores``, the pores among them
+        in order, and ``peaks``, their largest squared distances; ``joined``, faces in the slab and in the
+        plane behind it across which basins were joined.
     """
     counts = np.array([int(graph["count"]) for graph in graphs])
     offset = np.concatenate([[0], np.cumsum(counts)])
-    end = np.arange(
-        offset[-1]
-    )  # of the way from each label's voxels, by label; those of slabs one after another
+    end = np.arange(offset[-1])  # of the way from each label's voxels; labels of one slab after another
     is_top = np.zeros(len(end), bool)
     for i, graph in enumerate(graphs):
         first = offset[i] + int(graph["before"])
@@ -264,14 +262,17 @@ def find_throat_parts(field: Arrays, joined: Arrays, slab: Slab) -> tuple[Arrays
     Returns
     -------
     field : dict
-        ``labels``, of the window: places in ``pores`` of the graph, from 1, in the slab and the planes next to
-        it, beyond them 1 in the pores; ``squared``; ``faces``, ``classes``: the slab's edges of a class.
+        ``labels``, of the window: places in ``pores`` of the graph, from 1, in the slab and the planes next
+        to it, beyond them 1 in the pores; ``squared`` as it was; ``faces``, ``classes``: the slab's edges
+        that are of a class, by their places in the window.
     graph : dict
-        Of pores ``pores``, ``volume`` and the highest voxels: ``peak_pores``, ``peak_voxels``, ``peak_around``.
-        Of classes ``births``, ``heights``, ``turns``, ``ways``, ``ends``, ``vector``, ``count`` and the widest
-        faces: ``wide_classes``, ``wide_faces``, ``wide_around``. Between classes ``relations``; what is known
-        in the planes shared with the slabs before and behind: ``first_faces``, ``first_classes``,
-        ``last_faces``, ``last_classes``. Of the image's faces ``rind0`` ... ``rind5`` and ``rim0`` ... ``rim5``.
+        Of pores: ``pores``, ``volume``, ``peaks`` (squared distances), and the highest voxels by
+        ``peak_pores`` (places in ``pores``), ``peak_voxels``, ``peak_around``.
+        Of classes: ``births`` (faces), ``heights``, ``turns``, ``ways``, which order them, ``ends`` (pores),
+        ``relations``, ``vector``, ``count``, and the widest faces by ``wide_classes``, ``wide_faces``,
+        ``wide_around``; which edges are of which class in the planes shared with the slabs before and behind:
+        ``first_faces``, ``first_classes``, ``last_faces``, ``last_classes``.
+        Of the image's faces: labels ``rind0`` ... ``rind5`` and squared distances ``outer0`` ... ``outer5``.
     """
     labels, squared, tree = field["labels"], field["squared"], field["tree"]
     own, pores = slab.own, joined["pores"]
@@ -324,12 +325,12 @@ def find_throat_parts(field: Arrays, joined: Arrays, slab: Slab) -> tuple[Arrays
     }
     for i, face in enumerate(FACES_OUT):
         if face[0] > 0:
-            layers, rim = rind(face, labels[own], squared[own])
+            layers, outer = rind(face, labels[own], squared[own])
         elif slab.start < slab.stop and (slab.stop == slab.shape[0] if face[1] else slab.start == 0):
-            layers, rim = rind(face, labels, squared)  # the window ends where the image does
+            layers, outer = rind(face, labels, squared)  # the window ends where the image does
         else:
             continue
-        graph[f"rind{i}"], graph[f"rim{i}"] = of_volume[layers], rim
+        graph[f"rind{i}"], graph[f"outer{i}"] = of_volume[layers], outer
     return {"labels": labels, "squared": squared, "faces": faces, "classes": classes}, graph
 
 
@@ -343,14 +344,14 @@ def _turns(squared: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def glue_slabs(graphs: Sequence[Arrays], slabs: Sequence[Slab]) -> tuple[list[Arrays], Arrays]:
-    """Throats of the volume, from the graphs of :func:`find_throat_parts`, and what is left to measure of them.
+    """Throats of the volume, from the graphs of :func:`find_throat_parts`, and what is left to measure.
 
     Returns
     -------
     asked : list of dict
-        Per slab: ``centres`` of its pores and which come ``later`` there than in other slabs; ``number``, place of
-        each of its classes in its ``throats``, from 1, or 0; ``normals`` of those and which come
-        ``throats_later``.
+        Per slab: ``pores`` from 0, their ``centres``, and which come ``later`` there than in other slabs;
+        ``throats`` from 0, their ``normals``, and which come ``throats_later``; ``number``, place of each of
+        its classes among the throats, from 1, or 0.
     known : dict
         Of the whole: figures of pores, throats and openings.
     """
@@ -392,9 +393,7 @@ def glue_slabs(graphs: Sequence[Arrays], slabs: Sequence[Slab]) -> tuple[list[Ar
     height = np.concatenate([np.append(0, graph["heights"])[graph["wide_classes"]] for graph in graphs])
     faces, around = _chain(graphs, "wide_faces"), _chain(graphs, "wide_around")
     widest = np.flatnonzero(owner >= 0)
-    widest = widest[
-        height[widest] == throat_heights[owner[widest]]
-    ]  # a part's widest may be none of the throat's
+    widest = widest[height[widest] == throat_heights[owner[widest]]]  # not of every part
     widest = widest[np.argsort(faces[widest])]
     place = middles(owner[widest], faces[widest], around[widest], shape, m)
     area, normals = cross_sections(vector, count)
@@ -430,14 +429,14 @@ def glue_slabs(graphs: Sequence[Arrays], slabs: Sequence[Slab]) -> tuple[list[Ar
     }
     for i, face in enumerate(FACES_OUT):
         layers = [graph[f"rind{i}"] for graph in graphs if f"rind{i}" in graph]
-        rims = [graph[f"rim{i}"] for graph in graphs if f"rim{i}" in graph]
-        opening = measure_opening(*face, np.concatenate(layers), np.concatenate(rims), shape)
+        outer = [graph[f"outer{i}"] for graph in graphs if f"outer{i}" in graph]
+        opening = measure_opening(*face, np.concatenate(layers), np.concatenate(outer), shape)
         known |= {f"opening{i}.{name}": values for name, values in opening.items()}
     return asked, known
 
 
 def _same(below: Arrays, below_order: np.ndarray, above: Arrays, above_order: np.ndarray) -> np.ndarray:
-    """Relations (k, 4) of the classes that edges are of in the plane two slabs share, on either side of it."""
+    """Relations (k, 4): in the plane that two slabs share their edges are of one class."""
     faces = np.union1d(below["last_faces"], above["first_faces"])
     rows = np.zeros((len(faces), 4), np.int32)
     for column, graph, name, order in ((0, below, "last", below_order), (1, above, "first", above_order)):
