@@ -33,7 +33,7 @@ Why nothing depends on where the volume is cut:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -94,6 +94,15 @@ class Slab:
     start: int
     stop: int
 
+    @classmethod
+    def of(cls, arrays: Arrays) -> Slab:
+        """The slab that a field or a graph is of."""
+        *shape, start, stop = arrays["slab"].tolist()
+        return cls(tuple(shape), start, stop)
+
+    def __array__(self, dtype=None, copy=None) -> np.ndarray:
+        return np.array([*self.shape, self.start, self.stop], dtype)
+
     def __len__(self) -> int:
         return self.stop - self.start
 
@@ -121,24 +130,32 @@ class Slab:
 
 
 def cut(shape: tuple[int, int, int], slabs: int) -> list[Slab]:
-    """Cut a volume into slabs of equally many planes or one more; of too few planes the last have none."""
-    nz, count = shape[0], min(slabs, shape[0])
+    """Cut a volume into slabs.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        (nz, ny, nx) of the volume.
+    slabs : int
+        How many are asked for.
+
+    Returns
+    -------
+    list of Slab
+        As many, of as many planes or one more, and no fewer than :data:`BEHIND` so that their windows hold
+        planes of their neighbours only. Where planes are too few for that the last have none.
+    """
+    nz = shape[0]
+    count = max(min(slabs, nz // BEHIND), 1)
     ends = [nz * i // count for i in range(count)] + [nz] * (slabs - count + 1)
     return [Slab(tuple(shape), *ends[i : i + 2]) for i in range(slabs)]
 
 
-def in_window(slabs: Sequence[Slab], number: int) -> list[int]:
-    """Numbers of the slabs that hold planes of a slab's window."""
-    first, last = slabs[number].window
-    return [i for i, other in enumerate(slabs) if other.start < last and first < other.stop]
-
-
-def window_of(slabs: Sequence[Slab], number: int, parts: dict[int, np.ndarray]) -> np.ndarray:
-    """The planes of a slab's window, from those of the slabs :func:`in_window`."""
-    first, last = slabs[number].window
-    planes = [parts[i][max(first - slabs[i].start, 0) : last - slabs[i].start] for i in sorted(parts)]
-    # of several types the one that holds all
-    return np.concatenate(planes) if planes else np.zeros((0, *slabs[number].shape[1:]), np.uint16)
+def window_of(slab: Slab, parts: Iterable[tuple[Slab, np.ndarray]]) -> np.ndarray:
+    """The planes of a slab's window, from slabs that hold them all, in order, with their own planes."""
+    first, last = slab.window
+    planes = [array[max(first - part.start, 0) : max(last - part.start, 0)] for part, array in parts]
+    return np.concatenate(planes)  # of several types the one that holds all
 
 
 def grow_basins(squared: np.ndarray, slab: Slab) -> tuple[Arrays, Arrays]:
@@ -167,6 +184,7 @@ def grow_basins(squared: np.ndarray, slab: Slab) -> tuple[Arrays, Arrays]:
     plane = found.labels[own][:1], found.labels[own][-1:]
     before = np.count_nonzero(squared[own.start - 1]) if own.start > 0 else 0
     graph = {
+        "slab": np.array(slab),
         "tops": found.tops + slab.offset,
         "heights": found.heights,
         "around": found.around,
@@ -179,7 +197,8 @@ def grow_basins(squared: np.ndarray, slab: Slab) -> tuple[Arrays, Arrays]:
         "saddle_heights": saddles.heights,
         "saddle_around": saddles.around,
     }
-    return {"squared": squared, "labels": found.labels, "tree": found.tree}, graph
+    field = {"squared": squared, "labels": found.labels, "tree": found.tree}
+    return {"slab": np.array(slab)} | field, graph
 
 
 @njit(cache=True)
@@ -194,9 +213,7 @@ def _forest(ends, count):
     return keep
 
 
-def join_slabs(
-    graphs: Sequence[Arrays], slabs: Sequence[Slab], persistence: float = PERSISTENCE
-) -> list[Arrays]:
+def join_slabs(graphs: Sequence[Arrays], persistence: float = PERSISTENCE) -> list[Arrays]:
     """Pores of the volume, from the graphs of :func:`grow_basins`.
 
     Returns
@@ -234,7 +251,7 @@ def join_slabs(
     peaks = heights[falling][np.unique(pores[1:], return_index=True)[1]]
     faces = np.sort(saddles.faces[joined])
     found = []
-    for i, slab in enumerate(slabs):
+    for i, slab in enumerate(map(Slab.of, graphs)):
         number = np.concatenate([[0], pores[rank[offset[i] : offset[i + 1]]]]).astype(np.int32)
         inside = np.searchsorted(faces, [3 * slab.plane * z for z in (slab.start, slab.stop + 1)])
         own = np.unique(number[1:])
@@ -248,7 +265,7 @@ def _chain(graphs: Sequence[Arrays], name: str) -> np.ndarray:
     return np.concatenate([graph[name] for graph in graphs])
 
 
-def find_throat_parts(field: Arrays, joined: Arrays, slab: Slab) -> tuple[Arrays, Arrays]:
+def find_throat_parts(field: Arrays, joined: Arrays) -> tuple[Arrays, Arrays]:
     """Pores of a slab's voxels, and its part of whatever is to become a throat.
 
     Parameters
@@ -257,7 +274,6 @@ def find_throat_parts(field: Arrays, joined: Arrays, slab: Slab) -> tuple[Arrays
         Of :func:`grow_basins`; its arrays are written to.
     joined : dict
         Of :func:`join_slabs`.
-    slab : Slab
 
     Returns
     -------
@@ -275,7 +291,8 @@ def find_throat_parts(field: Arrays, joined: Arrays, slab: Slab) -> tuple[Arrays
         Of the image's faces: labels ``rind0`` ... ``rind5`` and squared distances ``outer0`` ... ``outer5``.
     """
     labels, squared, tree = field["labels"], field["squared"], field["tree"]
-    own, pores = slab.own, joined["pores"]
+    slab, pores = Slab.of(field), joined["pores"]
+    own = slab.own
     number = np.searchsorted(pores, joined["number"]).astype(np.int32) + np.int32(1)
     number[0] = 0
     number_voxels(labels.reshape(-1), number)
@@ -301,6 +318,7 @@ def find_throat_parts(field: Arrays, joined: Arrays, slab: Slab) -> tuple[Arrays
     start = slab.start * slab.plane
     of_volume = np.concatenate([[0], pores]).astype(np.int32)
     graph = {
+        "slab": field["slab"],
         "pores": pores,
         "volume": volume,
         "peaks": joined["peaks"],
@@ -331,7 +349,8 @@ def find_throat_parts(field: Arrays, joined: Arrays, slab: Slab) -> tuple[Arrays
         else:
             continue
         graph[f"rind{i}"], graph[f"outer{i}"] = of_volume[layers], outer
-    return {"labels": labels, "squared": squared, "faces": faces, "classes": classes}, graph
+    field = {"slab": field["slab"], "labels": labels, "squared": squared, "faces": faces, "classes": classes}
+    return field, graph
 
 
 def _turns(squared: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -343,7 +362,7 @@ def _turns(squared: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return np.where(ahead, before, behind), 2 * axes + ahead
 
 
-def glue_slabs(graphs: Sequence[Arrays], slabs: Sequence[Slab]) -> tuple[list[Arrays], Arrays]:
+def glue_slabs(graphs: Sequence[Arrays]) -> tuple[list[Arrays], Arrays]:
     """Throats of the volume, from the graphs of :func:`find_throat_parts`, and what is left to measure.
 
     Returns
@@ -355,7 +374,7 @@ def glue_slabs(graphs: Sequence[Arrays], slabs: Sequence[Slab]) -> tuple[list[Ar
     known : dict
         Of the whole: figures of pores, throats and openings.
     """
-    shape = slabs[0].shape
+    shape = Slab.of(graphs[0]).shape
     heights, turns, ways = (_chain(graphs, name) for name in ("heights", "turns", "ways"))
     falling = np.lexsort((ways, turns, -heights))
     order = np.zeros(len(falling), np.int32)
@@ -445,7 +464,7 @@ def _same(below: Arrays, below_order: np.ndarray, above: Arrays, above_order: np
     return np.unique(rows, axis=0)
 
 
-def measure_slab(field: Arrays, asked: Arrays, slab: Slab) -> Arrays:
+def measure_slab(field: Arrays, asked: Arrays) -> Arrays:
     """What can be measured only where pores' centres and throats' normals are known.
 
     Parameters
@@ -454,7 +473,6 @@ def measure_slab(field: Arrays, asked: Arrays, slab: Slab) -> Arrays:
         Of :func:`find_throat_parts`.
     asked : dict
         Of :func:`glue_slabs`.
-    slab : Slab
 
     Returns
     -------
@@ -463,7 +481,8 @@ def measure_slab(field: Arrays, asked: Arrays, slab: Slab) -> Arrays:
         :func:`grainfall.network.geometry.measure_walls` has it); ``throats``, ``rim``, ``rim_throats`` and
         ``rim_terms``. By their numbers in the volume, from 0.
     """
-    labels, own = field["labels"], slab.own
+    labels, slab = field["labels"], Slab.of(field)
+    own = slab.own
     centre = asked["centres"] - [slab.window[0], 0, 0]
     wall, reach, wall_pores, wall_terms = measure_walls(
         labels, field["squared"], own.start, own.stop, centre, asked["later"]
@@ -516,7 +535,7 @@ def _add_in_order(sums, owner, terms):
 
 
 def extract_by_slabs(
-    pore: np.ndarray, voxel_size_um: float, slabs: int, *, persistence: float = PERSISTENCE
+    pore: np.ndarray, voxel_size_um: float, slabs: Sequence[Slab], *, persistence: float = PERSISTENCE
 ) -> Network:
     """All the steps one after another: what :func:`grainfall.network.extract` gives by method persistence.
 
@@ -526,8 +545,8 @@ def extract_by_slabs(
         True in the pore space.
     voxel_size_um : float
         Edge of a voxel.
-    slabs : int
-        How many there are.
+    slabs : sequence of Slab
+        All of the volume, in order, as of :func:`cut`.
     persistence : float
         As for :func:`grainfall.network.extract`.
 
@@ -535,16 +554,14 @@ def extract_by_slabs(
     -------
     dict of str to ndarray
     """
-    parts = cut(pore.shape, slabs)
-    ends = [solid_columns(pore[s.start : s.stop], s.start) for s in parts]
-    squared = {
-        i: squared_distances(pore[s.start : s.stop], s.start, *nearest_columns(ends[:i][::-1], ends[i + 1 :]))
-        for i, s in enumerate(parts)
-    }
-    windows = [window_of(parts, i, {j: squared[j] for j in in_window(parts, i)}) for i in range(len(parts))]
-    grown = [grow_basins(window, s) for window, s in zip(windows, parts, strict=True)]
-    joined = join_slabs([graph for _, graph in grown], parts, persistence)
-    found = [find_throat_parts(grown[i][0], joined[i], s) for i, s in enumerate(parts)]
-    asked, known = glue_slabs([graph for _, graph in found], parts)
-    measured = [measure_slab(found[i][0], asked[i], s) for i, s in enumerate(parts)]
+    ends = [solid_columns(pore[s.start : s.stop], s.start) for s in slabs]
+    squared = [
+        squared_distances(pore[s.start : s.stop], s.start, *nearest_columns(ends[:i][::-1], ends[i + 1 :]))
+        for i, s in enumerate(slabs)
+    ]
+    grown = [grow_basins(window_of(s, zip(slabs, squared, strict=True)), s) for s in slabs]
+    joined = join_slabs([graph for _, graph in grown], persistence)
+    found = [find_throat_parts(field, join) for (field, _), join in zip(grown, joined, strict=True)]
+    asked, known = glue_slabs([graph for _, graph in found])
+    measured = [measure_slab(field, ask) for (field, _), ask in zip(found, asked, strict=True)]
     return finish(known, measured, voxel_size_um)
