@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
 from test_network import shapes
 
-from grainfall import network
+from grainfall import network, volume
+from grainfall.errors import InputError
 from grainfall.network import distance, slabs
 
 
@@ -212,3 +213,15 @@ def test_slabs_are_cut_evenly_and_empty_ones_come_last():
 def test_more_slabs_than_planes_allow():
     pore = medium(8, (10, 20, 20), 0.4, 1.5)
     assert_equal(slabs.extract_by_slabs(pore, 1.0, slabs.cut(pore.shape, 5)), network.extract(pore, 1.0))
+
+
+@pytest.mark.parametrize("coarsen", [1, 2, 3])
+def test_slabs_are_read_as_the_volume_is(coarsen):
+    phase = (~medium(9, (43, 21, 25), 0.5, 1.0)).astype(np.uint8)
+    pore, _ = volume.coarsen(phase == 0, 1.0, coarsen)
+    for parts in (1, 3, 9):
+        read = [slabs.read_slab(phase, part, parts, coarsen) for part in range(1, parts + 1)]
+        assert np.array_equal(np.concatenate([planes for planes, _ in read]), pore)
+        assert [slab for _, slab in read] == slabs.cut(pore.shape, parts)
+    with pytest.raises(InputError, match="coarsen"):
+        slabs.read_slab(phase, 9, 9, 22)

@@ -40,6 +40,7 @@ from typing import TypeAlias
 import numpy as np
 from numba import njit
 
+from grainfall import volume
 from grainfall.network.distance import nearest_columns, solid_columns, squared_distances
 from grainfall.network.elements import Network, empty
 from grainfall.network.extraction import assemble
@@ -149,6 +150,36 @@ def cut(shape: tuple[int, int, int], slabs: int) -> list[Slab]:
     count = max(min(slabs, nz // BEHIND), 1)
     ends = [nz * i // count for i in range(count)] + [nz] * (slabs - count + 1)
     return [Slab(tuple(shape), *ends[i : i + 2]) for i in range(slabs)]
+
+
+def read_slab(phase: np.ndarray, part: int, parts: int, coarsen: int = 1) -> tuple[np.ndarray, Slab]:
+    """Pore space of a slab of a phase volume.
+
+    Parameters
+    ----------
+    phase : (nz, ny, nx) array of int
+        0 in the pores; an open volume file will do.
+    part, parts : int
+        Which slab, from 1, of how many.
+    coarsen : int
+        Voxels along an axis that become one (:func:`grainfall.volume.coarsen`).
+
+    Returns
+    -------
+    pore : (n, ny // coarsen, nx // coarsen) ndarray of bool
+    slab : Slab
+        Of the volume of these voxels.
+
+    Raises
+    ------
+    InputError
+        When no whole block fits into the volume.
+    """
+    slab = cut(volume.coarse_shape(phase.shape, coarsen), parts)[part - 1]
+    if len(slab) == 0:
+        return np.zeros((0, *slab.shape[1:]), bool), slab
+    pore = np.asarray(phase[slab.start * coarsen : slab.stop * coarsen]) == 0
+    return volume.coarsen(pore, 1.0, coarsen, slab.start)[0], slab
 
 
 def window_of(slab: Slab, parts: Iterable[tuple[Slab, np.ndarray]]) -> np.ndarray:
