@@ -13,6 +13,7 @@ outside the image is no solid.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from numba import njit
@@ -71,7 +72,12 @@ def nearest_columns(
 
 
 def squared_distances(
-    pore: np.ndarray, first_plane: int, last_below: np.ndarray | None, first_above: np.ndarray | None
+    pore: np.ndarray,
+    first_plane: int = 0,
+    last_below: np.ndarray | None = None,
+    first_above: np.ndarray | None = None,
+    *,
+    threads: int = 1,
 ) -> np.ndarray:
     """Squares of the distances to the nearest solid voxel of the whole volume.
 
@@ -83,6 +89,8 @@ def squared_distances(
         Its place in the volume.
     last_below, first_above : (ny, nx) array of int or None
         The nearest solid planes beyond the slab, as from :func:`nearest_columns`.
+    threads : int
+        At work on planes.
 
     Returns
     -------
@@ -104,11 +112,15 @@ def squared_distances(
     if nz == 0 or (away[0] == NONE).all():  # a column with solid anywhere knows it in every plane
         return np.zeros(pore.shape, np.uint16)
     squared = away.view(np.uint32)  # in its place
-    _within_planes(away, squared)
+    if threads > 1:
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(_within_planes, np.array_split(away, threads), np.array_split(squared, threads)))
+    else:
+        _within_planes(away, squared)
     return squared.astype(np.uint16) if squared.max() < 2**16 else squared
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _within_planes(away, squared):
     nz, ny, nx = away.shape
     longer = max(ny, nx)
@@ -129,7 +141,7 @@ def _within_planes(away, squared):
                 squared[z, y, x] = out[y]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _lower_envelope(line, n, at, start, out):
     """Lowest of the parabolas (i - q)^2 + line[q] at every i; `at` and `start` are room for as many."""
     k = -1

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import edt
 import numpy as np
 from numba import njit
 
 from grainfall.errors import InputError
+from grainfall.network.distance import squared_distances
 
 PERSISTENCE = 0.1
 """Default persistence of a pore: share of its radius by which the way to a larger pore must narrow."""
@@ -82,10 +82,7 @@ def partition(pore: np.ndarray, *, persistence: float = PERSISTENCE, threads: in
     """
     if not 0 <= persistence < 1:
         raise InputError("network.persistence", f"{persistence} is out of range", "0 ≤ persistence < 1")
-    # the faces of the image are no walls
-    squared = edt.edtsq(np.ascontiguousarray(pore, bool), black_border=False, parallel=threads)
-    # whole numbers, and small ones: half the memory and half the traffic
-    squared = squared.astype(np.uint16 if squared.max() < 2**16 else np.uint32)
+    squared = squared_distances(pore, threads=threads)
     basins = find_basins(squared, 0, len(squared))
     tops = np.lexsort((-basins.around, -basins.heights))
     rank = np.zeros(len(tops) + 1, np.int32)
