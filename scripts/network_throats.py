@@ -6,7 +6,7 @@ from grainfall import io
 from grainfall.network import slabs
 
 with stage(snakemake):
-    asked, known = slabs.glue_slabs([io.read_arrays(path) for path in snakemake.input.graphs])
+    asked, known = slabs.glue_slabs([io.StoredArrays(path) for path in snakemake.input.graphs])
     for path, arrays in zip(snakemake.output.asked, asked, strict=True):
         io.write_arrays(path, arrays)
     io.write_arrays(snakemake.output.known, known)

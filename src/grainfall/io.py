@@ -165,6 +165,37 @@ def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
         return dict(archive)
 
 
+class StoredArrays(Mapping):
+    """What :func:`write_arrays` wrote, each array read when it is asked for.
+
+    Raises
+    ------
+    InputError
+        Then, when the file is missing or truncated.
+    """
+
+    def __init__(self, path: str | Path):
+        self._path = path
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        if name not in list(self):
+            raise KeyError(name)
+        with self._open() as archive:
+            return archive[name]
+
+    def __iter__(self) -> Iterator[str]:
+        with self._open() as archive:
+            return iter(archive.files)
+
+    def __len__(self) -> int:
+        return len(list(self))
+
+    @contextmanager
+    def _open(self) -> Iterator[Mapping[str, np.ndarray]]:
+        with _reading(self._path, "NPZ"), np.load(self._path, allow_pickle=False) as archive:
+            yield archive
+
+
 def write_volume(
     path: str | Path,
     arrays: Mapping[str, np.ndarray],

@@ -34,7 +34,7 @@ Why nothing depends on where the volume is cut:
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TypeAlias
 
 import numpy as np
@@ -247,6 +247,13 @@ def _forest(ends, count):
 def join_slabs(graphs: Sequence[Arrays], persistence: float = PERSISTENCE) -> list[Arrays]:
     """Pores of the volume, from the graphs of :func:`grow_basins`.
 
+    Parameters
+    ----------
+    graphs : sequence of mappings
+        Of all slabs, in order; arrays are taken one by one, and may be read from a file when they are.
+    persistence : float
+        As for :func:`grainfall.network.partition`.
+
     Returns
     -------
     list of dict
@@ -254,9 +261,10 @@ def join_slabs(graphs: Sequence[Arrays], persistence: float = PERSISTENCE) -> li
         in order, and ``peaks``, their largest squared distances; ``joined``, faces in the slab and in the
         plane behind it across which basins were joined.
     """
-    counts = np.array([int(graph["count"]) for graph in graphs])
+    counts = [int(graph["count"]) for graph in graphs]
     offset = np.concatenate([[0], np.cumsum(counts)])
-    end = np.arange(offset[-1])  # of the way from each label's voxels; labels of one slab after another
+    # of the way from each label's voxels; labels of one slab after another
+    end = np.arange(offset[-1], dtype=np.int32 if offset[-1] < 2**31 else np.int64)
     is_top = np.zeros(len(end), bool)
     for i, graph in enumerate(graphs):
         first = offset[i] + int(graph["before"])
@@ -273,11 +281,13 @@ def join_slabs(graphs: Sequence[Arrays], persistence: float = PERSISTENCE) -> li
     rank = np.zeros(len(end), np.int32)
     rank[np.flatnonzero(is_top)[falling]] = np.arange(1, len(falling) + 1)
     rank = rank[end]
-    ends = np.concatenate([rank[graph["ends"] - 1 + offset[i]] for i, graph in enumerate(graphs)])
-    saddles = Saddles(
-        _chain(graphs, "faces"), ends, _chain(graphs, "saddle_heights"), _chain(graphs, "saddle_around")
-    )
-    saddles = saddles[ends[:, 0] != ends[:, 1]].sort()
+    forests = []
+    for i, graph in enumerate(graphs):
+        ends = rank[graph["ends"] - 1 + offset[i]]
+        saddles = Saddles(graph["faces"], ends, graph["saddle_heights"], graph["saddle_around"])
+        forests.append(saddles[_forest(ends, len(falling))])  # few, now that the ends of ways are known
+    names = (field.name for field in fields(Saddles))
+    saddles = Saddles(*(np.concatenate([getattr(f, name) for f in forests]) for name in names)).sort()
     pores, joined = join_basins(heights[falling], saddles.ends, saddles.heights, persistence)
     peaks = heights[falling][np.unique(pores[1:], return_index=True)[1]]
     faces = np.sort(saddles.faces[joined])
@@ -357,9 +367,9 @@ def find_throat_parts(field: Arrays, joined: Arrays) -> tuple[Arrays, Arrays]:
         "peak_voxels": peak_voxels + slab.offset,
         "peak_around": peak_around,
         "births": found.births + 3 * start,
-        "heights": heights,
+        "heights": heights.astype(np.uint32),
         "turns": turns + start,
-        "ways": ways,
+        "ways": ways.astype(np.uint8),
         "ends": of_volume[ends_of_faces(part.labels, found.births)],
         "relations": np.unique(found.relations, axis=0),
         "vector": vector,
@@ -396,6 +406,11 @@ def _turns(squared: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarr
 def glue_slabs(graphs: Sequence[Arrays]) -> tuple[list[Arrays], Arrays]:
     """Throats of the volume, from the graphs of :func:`find_throat_parts`, and what is left to measure.
 
+    Parameters
+    ----------
+    graphs : sequence of mappings
+        As for :func:`join_slabs`.
+
     Returns
     -------
     asked : list of dict
@@ -407,7 +422,7 @@ def glue_slabs(graphs: Sequence[Arrays]) -> tuple[list[Arrays], Arrays]:
     """
     shape = Slab.of(graphs[0]).shape
     heights, turns, ways = (_chain(graphs, name) for name in ("heights", "turns", "ways"))
-    falling = np.lexsort((ways, turns, -heights))
+    falling = np.lexsort((ways, turns, -heights.astype(np.int64)))
     order = np.zeros(len(falling), np.int32)
     order[falling] = np.arange(1, len(falling) + 1)
     by_slab = np.split(order, np.cumsum([len(graph["births"]) for graph in graphs])[:-1])
@@ -429,28 +444,29 @@ def glue_slabs(graphs: Sequence[Arrays]) -> tuple[list[Arrays], Arrays]:
     n, m = max(int(graph["pores"].max(initial=0)) for graph in graphs), len(first)
     volume, peaks = np.zeros(n), np.zeros(n)
     vector, count = np.zeros((m, 3)), np.zeros(m)
+    highest, widest = [], []  # owner, place and surroundings, of pores and of throats
     for graph, own in zip(graphs, throats, strict=True):
-        volume[graph["pores"] - 1] += graph["volume"]
-        peaks[graph["pores"] - 1] = graph["peaks"]
-        some = own[1:] >= 0
+        pores = graph["pores"] - 1
+        volume[pores] += graph["volume"]
+        peaks[pores] = graph["peaks"]
+        highest.append((pores[graph["peak_pores"]], graph["peak_voxels"], graph["peak_around"]))
+        some = np.flatnonzero(own[1:] >= 0)
         np.add.at(vector, own[1:][some], graph["vector"][some])
         np.add.at(count, own[1:][some], graph["count"][some])
-    owner = np.concatenate([graph["pores"][graph["peak_pores"]] - 1 for graph in graphs])
-    centre = centres(owner, _chain(graphs, "peak_voxels"), _chain(graphs, "peak_around"), shape, n)
-
-    pairs = list(zip(graphs, throats, strict=True))
-    owner = np.concatenate([own[graph["wide_classes"]] for graph, own in pairs])
-    height = np.concatenate([np.append(0, graph["heights"])[graph["wide_classes"]] for graph in graphs])
-    faces, around = _chain(graphs, "wide_faces"), _chain(graphs, "wide_around")
-    widest = np.flatnonzero(owner >= 0)
-    widest = widest[height[widest] == throat_heights[owner[widest]]]  # not of every part
-    widest = widest[np.argsort(faces[widest])]
-    place = middles(owner[widest], faces[widest], around[widest], shape, m)
+        owner, high = own[graph["wide_classes"]], graph["heights"][graph["wide_classes"] - 1]
+        some = np.flatnonzero(owner >= 0)
+        some = some[
+            high[some] == throat_heights[owner[some]]
+        ]  # the widest of a part may be none of its throat's
+        some = some[np.argsort(graph["wide_faces"][some])]
+        widest.append((owner[some], graph["wide_faces"][some], graph["wide_around"][some]))
+    centre = centres(*map(np.concatenate, zip(*highest, strict=True)), shape, n)
+    place = middles(*map(np.concatenate, zip(*widest, strict=True)), shape, m)
     area, normals = cross_sections(vector, count)
 
     asked = []
     seen, seen_throats = np.zeros(n, bool), np.zeros(m, bool)
-    for graph, own in pairs:
+    for graph, own in zip(graphs, throats, strict=True):
         mine = graph["pores"] - 1
         has = np.unique(own[1:][(own[1:] >= 0) & (graph["count"] > 0)])
         to = np.where(np.isin(own, has), np.searchsorted(has, own) + 1, 0).astype(np.int32)
