@@ -178,17 +178,20 @@ class StoredArrays(Mapping):
         self._path = path
 
     def __getitem__(self, name: str) -> np.ndarray:
-        if name not in list(self):
+        if name not in self._names():
             raise KeyError(name)
         with self._open() as archive:
             return archive[name]
 
     def __iter__(self) -> Iterator[str]:
-        with self._open() as archive:
-            return iter(archive.files)
+        return iter(self._names())
 
     def __len__(self) -> int:
-        return len(list(self))
+        return len(self._names())
+
+    def _names(self) -> list[str]:
+        with self._open() as archive:
+            return archive.files
 
     @contextmanager
     def _open(self) -> Iterator[Mapping[str, np.ndarray]]:

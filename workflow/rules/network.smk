@@ -69,9 +69,7 @@ if SLABS > 1:
         input:
             volume=f"{SAMPLE}/reference.zarr.zip",
         output:
-            columns=temp(
-                f"{SAMPLE}/slabs/reference_network_columns_{{scatteritem}}.npz"
-            ),
+            columns=temp(f"{SAMPLE}/reference_network_columns_{{scatteritem}}.npz"),
         log:
             f"{SAMPLE}/logs/reference_network_columns_{{scatteritem}}.log",
         benchmark:
@@ -106,13 +104,11 @@ if SLABS > 1:
         input:
             volume=f"{SAMPLE}/reference.zarr.zip",
             columns=gather.slabs(
-                f"{SAMPLE}/slabs/reference_network_columns_{{scatteritem}}.npz",
+                f"{SAMPLE}/reference_network_columns_{{scatteritem}}.npz",
                 allow_missing=True,
             ),
         output:
-            distances=temp(
-                f"{SAMPLE}/slabs/reference_network_distances_{{scatteritem}}.npz"
-            ),
+            distances=temp(f"{SAMPLE}/reference_network_distances_{{scatteritem}}.npz"),
         log:
             f"{SAMPLE}/logs/reference_network_distances_{{scatteritem}}.log",
         benchmark:
@@ -144,13 +140,11 @@ if SLABS > 1:
     use rule network_slab_basins as reference_network_slab_basins with:
         input:
             distances=beside(
-                f"{SAMPLE}/slabs/reference_network_distances_{{scatteritem}}.npz"
+                f"{SAMPLE}/reference_network_distances_{{scatteritem}}.npz"
             ),
         output:
-            field=temp(f"{SAMPLE}/slabs/reference_network_basins_{{scatteritem}}.npz"),
-            graph=temp(
-                f"{SAMPLE}/slabs/reference_network_basins_graph_{{scatteritem}}.npz"
-            ),
+            field=temp(f"{SAMPLE}/reference_network_basins_{{scatteritem}}.npz"),
+            graph=temp(f"{SAMPLE}/reference_network_basins_graph_{{scatteritem}}.npz"),
         log:
             f"{SAMPLE}/logs/reference_network_basins_{{scatteritem}}.log",
         benchmark:
@@ -189,13 +183,13 @@ if SLABS > 1:
     use rule network_pores as reference_network_pores with:
         input:
             graphs=gather.slabs(
-                f"{SAMPLE}/slabs/reference_network_basins_graph_{{scatteritem}}.npz",
+                f"{SAMPLE}/reference_network_basins_graph_{{scatteritem}}.npz",
                 allow_missing=True,
             ),
         output:
             pores=temp(
                 scatter.slabs(
-                    f"{SAMPLE}/slabs/reference_network_pores_{{scatteritem}}.npz",
+                    f"{SAMPLE}/reference_network_pores_{{scatteritem}}.npz",
                     allow_missing=True,
                 )
             ),
@@ -230,13 +224,11 @@ if SLABS > 1:
 
     use rule network_slab_parts as reference_network_slab_parts with:
         input:
-            field=f"{SAMPLE}/slabs/reference_network_basins_{{scatteritem}}.npz",
-            pores=f"{SAMPLE}/slabs/reference_network_pores_{{scatteritem}}.npz",
+            field=f"{SAMPLE}/reference_network_basins_{{scatteritem}}.npz",
+            pores=f"{SAMPLE}/reference_network_pores_{{scatteritem}}.npz",
         output:
-            field=temp(f"{SAMPLE}/slabs/reference_network_parts_{{scatteritem}}.npz"),
-            graph=temp(
-                f"{SAMPLE}/slabs/reference_network_parts_graph_{{scatteritem}}.npz"
-            ),
+            field=temp(f"{SAMPLE}/reference_network_parts_{{scatteritem}}.npz"),
+            graph=temp(f"{SAMPLE}/reference_network_parts_graph_{{scatteritem}}.npz"),
         log:
             f"{SAMPLE}/logs/reference_network_parts_{{scatteritem}}.log",
         benchmark:
@@ -276,17 +268,17 @@ if SLABS > 1:
     use rule network_throats as reference_network_throats with:
         input:
             graphs=gather.slabs(
-                f"{SAMPLE}/slabs/reference_network_parts_graph_{{scatteritem}}.npz",
+                f"{SAMPLE}/reference_network_parts_graph_{{scatteritem}}.npz",
                 allow_missing=True,
             ),
         output:
             asked=temp(
                 scatter.slabs(
-                    f"{SAMPLE}/slabs/reference_network_throats_{{scatteritem}}.npz",
+                    f"{SAMPLE}/reference_network_throats_{{scatteritem}}.npz",
                     allow_missing=True,
                 )
             ),
-            known=temp(f"{SAMPLE}/slabs/reference_network_throats.npz"),
+            known=temp(f"{SAMPLE}/reference_network_throats.npz"),
         log:
             f"{SAMPLE}/logs/reference_network_throats.log",
         benchmark:
@@ -317,12 +309,10 @@ if SLABS > 1:
 
     use rule network_slab_measures as reference_network_slab_measures with:
         input:
-            field=f"{SAMPLE}/slabs/reference_network_parts_{{scatteritem}}.npz",
-            asked=f"{SAMPLE}/slabs/reference_network_throats_{{scatteritem}}.npz",
+            field=f"{SAMPLE}/reference_network_parts_{{scatteritem}}.npz",
+            asked=f"{SAMPLE}/reference_network_throats_{{scatteritem}}.npz",
         output:
-            measured=temp(
-                f"{SAMPLE}/slabs/reference_network_measures_{{scatteritem}}.npz"
-            ),
+            measured=temp(f"{SAMPLE}/reference_network_measures_{{scatteritem}}.npz"),
         log:
             f"{SAMPLE}/logs/reference_network_measures_{{scatteritem}}.log",
         benchmark:
@@ -362,9 +352,9 @@ if SLABS > 1:
     use rule network_joined as reference_network_joined with:
         input:
             volume=f"{SAMPLE}/reference.zarr.zip",
-            known=f"{SAMPLE}/slabs/reference_network_throats.npz",
+            known=f"{SAMPLE}/reference_network_throats.npz",
             measured=gather.slabs(
-                f"{SAMPLE}/slabs/reference_network_measures_{{scatteritem}}.npz",
+                f"{SAMPLE}/reference_network_measures_{{scatteritem}}.npz",
                 allow_missing=True,
             ),
         output:
