@@ -172,8 +172,8 @@ if SLABS > 1:
         conda:
             ENVS["analysis"]
         resources:
-            mem_mb=4000,
-            runtime=30,
+            mem_mb=memory(4000),
+            runtime=runtime(30),
         params:
             settings=settings("network"),
             science=science("network", "volume"),
@@ -257,8 +257,8 @@ if SLABS > 1:
         conda:
             ENVS["analysis"]
         resources:
-            mem_mb=4000,
-            runtime=30,
+            mem_mb=memory(4000),
+            runtime=runtime(30),
         params:
             settings=settings("network"),
             science=science("network", "volume"),
@@ -341,8 +341,8 @@ if SLABS > 1:
         conda:
             ENVS["analysis"]
         resources:
-            mem_mb=2000,
-            runtime=10,
+            mem_mb=memory(2000),
+            runtime=runtime(10),
         params:
             settings=settings("network"),
             science=science("network", "volume"),
