@@ -33,7 +33,7 @@ Why nothing depends on where the volume is cut:
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import TypeAlias
 
@@ -71,7 +71,7 @@ from grainfall.network.partition import (
 )
 from grainfall.network.topology import ends_of_faces, find_classes, number_throats, settle
 
-Arrays: TypeAlias = dict[str, np.ndarray]
+Arrays: TypeAlias = Mapping[str, np.ndarray]
 """What one step hands on to others, by name; io.write_arrays writes it."""
 
 BEFORE, BEHIND = 3, 4
