@@ -139,12 +139,16 @@ def read_table(path: str | Path) -> pd.DataFrame:
         return pd.read_csv(path, float_precision="round_trip")
 
 
-def write_arrays(path: str | Path, arrays: Mapping[str, np.ndarray]) -> None:
-    """Write named arrays as one compressed NPZ, atomically; equal content gives equal bytes."""
-    with atomic_path(path) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
+def write_arrays(path: str | Path, arrays: Mapping[str, np.ndarray], *, compressed: bool = True) -> None:
+    """Write named arrays as one NPZ, atomically; equal content gives equal bytes.
+
+    Without compression, which for large arrays may take longer than what is in them did.
+    """
+    kind = zipfile.ZIP_DEFLATED if compressed else zipfile.ZIP_STORED
+    with atomic_path(path) as part, zipfile.ZipFile(part, "w", kind) as archive:
         for name in sorted(arrays):
             entry = zipfile.ZipInfo(f"{name}.npy", ZIP_EPOCH)
-            entry.compress_type = zipfile.ZIP_DEFLATED
+            entry.compress_type = kind
             with archive.open(entry, "w", force_zip64=True) as stream:
                 np.lib.format.write_array(stream, np.asarray(arrays[name]), allow_pickle=False)
 
@@ -159,6 +163,40 @@ def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
     """
     with _reading(path, "NPZ"), np.load(path, allow_pickle=False) as archive:
         return dict(archive)
+
+
+class StoredArrays(Mapping):
+    """What :func:`write_arrays` wrote, each array read when it is asked for.
+
+    Raises
+    ------
+    InputError
+        Then, when the file is missing or truncated.
+    """
+
+    def __init__(self, path: str | Path):
+        self._path = path
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        if name not in self._names():
+            raise KeyError(name)
+        with self._open() as archive:
+            return archive[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names())
+
+    def __len__(self) -> int:
+        return len(self._names())
+
+    def _names(self) -> list[str]:
+        with self._open() as archive:
+            return archive.files
+
+    @contextmanager
+    def _open(self) -> Iterator[Mapping[str, np.ndarray]]:
+        with _reading(self._path, "NPZ"), np.load(self._path, allow_pickle=False) as archive:
+            yield archive
 
 
 def write_volume(

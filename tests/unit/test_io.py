@@ -144,3 +144,18 @@ def test_json_knows_no_nan(tmp_path):
     content = {"a": np.float32("nan"), "b": [1.5, float("inf")], "c": np.arange(2), "d": {"e": None}}
     io.write_json(tmp_path / "j.json", content)
     assert io.read_json(tmp_path / "j.json") == {"a": None, "b": [1.5, None], "c": [0, 1], "d": {"e": None}}
+
+
+@pytest.mark.parametrize("compressed", [True, False])
+def test_arrays_are_read_at_once_or_when_asked_for(tmp_path, compressed):
+    path, arrays = tmp_path / "a.npz", {"one": np.arange(5), "two": np.ones((2, 3), np.uint8)}
+    io.write_arrays(path, arrays, compressed=compressed)
+    for back in (io.read_arrays(path), io.StoredArrays(path)):
+        assert sorted(back) == ["one", "two"]
+        assert "three" not in back
+        for name, array in arrays.items():
+            assert back[name].dtype == array.dtype
+            np.testing.assert_array_equal(back[name], array)
+    path.write_bytes(path.read_bytes()[:-30])
+    with pytest.raises(InputError, match=r"a\.npz"):
+        io.StoredArrays(path)["one"]

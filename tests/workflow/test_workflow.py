@@ -246,6 +246,8 @@ def test_any_number_of_slabs_gives_the_same_bytes(finished, tmp_path):
     made = [
         *(f"results/tiny/full/0/{name}" for name in ("twin.zarr.zip", "bodies.csv", "s2_volume.csv")),
         *("results/tiny/full/0/second/volume.zarr.zip", "results/tiny/reference_s2.csv"),
+        *(f"results/tiny/full/0/network_{name}.csv" for name in ("pores", "throats")),
+        *(f"results/tiny/reference_network_{name}.csv" for name in ("pores", "throats")),
     ]
     found = {}
     for slabs, cement, wanted in (
@@ -261,6 +263,7 @@ def test_any_number_of_slabs_gives_the_same_bytes(finished, tmp_path):
         done = snakemake(folder, "--rerun-triggers", "mtime", "--", *wanted, snakefile=house / "Snakefile")
         assert done.returncode == 0, done.stdout[-6000:]
         assert ("twin_slab" in done.stdout) == (slabs > 1)
+        assert ("network_slab" in done.stdout) == (slabs > 1 and wanted == made)
         assert not [*(folder / "results").rglob("slabs/*"), *(folder / "results").rglob("*-of-*.npz")]
         found[slabs, cement] = [(folder / path).read_bytes() for path in wanted]
     assert found[2, "auto"] == found[1, "auto"]

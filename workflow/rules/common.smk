@@ -104,6 +104,12 @@ if CONFIG["accuracy"]:
 VARIANTS = {name: sheet.variant(CONFIG, name) for name in CONFIG["variants"]}
 REALIZATIONS = range(CONFIG["realizations"])
 SLABS = CONFIG["slabs"]
+# Variants whose network comes of slabs. snow2 knows none: it takes the volume as a whole.
+BY_SLABS = [
+    name
+    for name, whole in VARIANTS.items()
+    if SLABS > 1 and whole["network"]["method"] == "persistence"
+]
 SLICES = [name for name, row in SAMPLES.items() if row["kind"] == "slice"]
 REFERENCED = [
     name
@@ -204,12 +210,14 @@ STOKES_MB = 600  # `elliptic` and `direct`: 1.2 kB a pore voxel, were every othe
 
 
 def share_of_slab(rulename, size):
-    """Share of its volume that a slab's job holds: its planes, and for S2 a quarter of all beyond them.
+    """Share of its volume that a slab's job holds: its planes, and what it takes of those beyond them.
 
-    Slabs that are voxelised consist of whole chunks: up to a layer of them more.
+    For S2 a quarter of all; for the network seven planes. Slabs that are voxelised consist of whole chunks: up to
+    a layer of them more.
     """
-    beyond = 1 / 4 if "s2" in rulename else io.CHUNK / (1e6 * size["Mvoxel"]) ** (1 / 3)
-    return min(1, 1 / SLABS + beyond)
+    edge = (1e6 * size["Mvoxel"]) ** (1 / 3)
+    planes = 7 if "network" in rulename else io.CHUNK
+    return min(1, 1 / SLABS + (1 / 4 if "s2" in rulename else planes / edge))
 
 
 def need(rulename, wildcards):
@@ -365,6 +373,24 @@ def timed(*jobs):
     """Benchmark files of a twin's jobs, without those that the cache may have spared."""
     kept = [job for job in jobs if not (CACHING and job in CACHED_JOBS)]
     return expand(f"{TWIN}/benchmarks/{{job}}.tsv", job=kept, allow_missing=True)
+
+
+def timed_jobs_of_twin(wildcards):
+    """Benchmark files of all jobs of a twin, those of its slabs among them."""
+    slabs = NETWORK_JOBS if wildcards.variant in BY_SLABS else []
+    return expand(timed(*TWIN_JOBS, *slabs), **wildcards)
+
+
+def beside(path):
+    """An input function: this file of a slab and of its neighbours."""
+
+    def of(wildcards):
+        which, _, last = wildcards.scatteritem.partition("-of-")
+        near = range(max(int(which) - 1, 1), min(int(which) + 1, int(last)) + 1)
+        items = [f"{i}-of-{last}" for i in near]
+        return expand(path, **{**wildcards, "scatteritem": items})
+
+    return of
 
 
 def figure_caption(wildcards):

@@ -40,6 +40,337 @@ use rule network as reference_network with:
         sample=any_of(MEASURED),
 
 
+if SLABS > 1:
+
+    ruleorder: network_joined > network
+    ruleorder: reference_network_joined > reference_network
+
+    rule network_slab_columns:
+        input:
+            volume=f"{TWIN}/twin.zarr.zip",
+        output:
+            columns=temp(f"{TWIN}/slabs/network_columns_{{scatteritem}}.npz"),
+        log:
+            f"{TWIN}/logs/network_columns_{{scatteritem}}.log",
+        benchmark:
+            f"{TWIN}/benchmarks/network_columns_{{scatteritem}}.tsv"
+        conda:
+            ENVS["analysis"]
+        resources:
+            mem_mb=memory(6000),
+            runtime=runtime(60),
+        params:
+            settings=settings("network"),
+            science=science("network", "volume"),
+        script:
+            "../../scripts/network_columns.py"
+
+    use rule network_slab_columns as reference_network_slab_columns with:
+        input:
+            volume=f"{SAMPLE}/reference.zarr.zip",
+        output:
+            columns=temp(f"{SAMPLE}/reference_network_columns_{{scatteritem}}.npz"),
+        log:
+            f"{SAMPLE}/logs/reference_network_columns_{{scatteritem}}.log",
+        benchmark:
+            f"{SAMPLE}/benchmarks/reference_network_columns_{{scatteritem}}.tsv"
+        wildcard_constraints:
+            sample=any_of(MEASURED),
+
+    rule network_slab_distances:
+        input:
+            volume=f"{TWIN}/twin.zarr.zip",
+            columns=gather.slabs(
+                f"{TWIN}/slabs/network_columns_{{scatteritem}}.npz", allow_missing=True
+            ),
+        output:
+            distances=temp(f"{TWIN}/slabs/network_distances_{{scatteritem}}.npz"),
+        log:
+            f"{TWIN}/logs/network_distances_{{scatteritem}}.log",
+        benchmark:
+            f"{TWIN}/benchmarks/network_distances_{{scatteritem}}.tsv"
+        conda:
+            ENVS["analysis"]
+        resources:
+            mem_mb=memory(6000),
+            runtime=runtime(60),
+        params:
+            settings=settings("network"),
+            science=science("network", "volume"),
+        script:
+            "../../scripts/network_distances.py"
+
+    use rule network_slab_distances as reference_network_slab_distances with:
+        input:
+            volume=f"{SAMPLE}/reference.zarr.zip",
+            columns=gather.slabs(
+                f"{SAMPLE}/reference_network_columns_{{scatteritem}}.npz",
+                allow_missing=True,
+            ),
+        output:
+            distances=temp(f"{SAMPLE}/reference_network_distances_{{scatteritem}}.npz"),
+        log:
+            f"{SAMPLE}/logs/reference_network_distances_{{scatteritem}}.log",
+        benchmark:
+            f"{SAMPLE}/benchmarks/reference_network_distances_{{scatteritem}}.tsv"
+        wildcard_constraints:
+            sample=any_of(MEASURED),
+
+    rule network_slab_basins:
+        input:
+            distances=beside(f"{TWIN}/slabs/network_distances_{{scatteritem}}.npz"),
+        output:
+            field=temp(f"{TWIN}/slabs/network_basins_{{scatteritem}}.npz"),
+            graph=temp(f"{TWIN}/slabs/network_basins_graph_{{scatteritem}}.npz"),
+        log:
+            f"{TWIN}/logs/network_basins_{{scatteritem}}.log",
+        benchmark:
+            f"{TWIN}/benchmarks/network_basins_{{scatteritem}}.tsv"
+        conda:
+            ENVS["analysis"]
+        resources:
+            mem_mb=memory(6000),
+            runtime=runtime(60),
+        params:
+            settings=settings("network"),
+            science=science("network", "volume"),
+        script:
+            "../../scripts/network_basins.py"
+
+    use rule network_slab_basins as reference_network_slab_basins with:
+        input:
+            distances=beside(
+                f"{SAMPLE}/reference_network_distances_{{scatteritem}}.npz"
+            ),
+        output:
+            field=temp(f"{SAMPLE}/reference_network_basins_{{scatteritem}}.npz"),
+            graph=temp(f"{SAMPLE}/reference_network_basins_graph_{{scatteritem}}.npz"),
+        log:
+            f"{SAMPLE}/logs/reference_network_basins_{{scatteritem}}.log",
+        benchmark:
+            f"{SAMPLE}/benchmarks/reference_network_basins_{{scatteritem}}.tsv"
+        wildcard_constraints:
+            sample=any_of(MEASURED),
+
+    rule network_pores:
+        input:
+            graphs=gather.slabs(
+                f"{TWIN}/slabs/network_basins_graph_{{scatteritem}}.npz",
+                allow_missing=True,
+            ),
+        output:
+            pores=temp(
+                scatter.slabs(
+                    f"{TWIN}/slabs/network_pores_{{scatteritem}}.npz",
+                    allow_missing=True,
+                )
+            ),
+        log:
+            f"{TWIN}/logs/network_pores.log",
+        benchmark:
+            f"{TWIN}/benchmarks/network_pores.tsv"
+        conda:
+            ENVS["analysis"]
+        resources:
+            mem_mb=memory(4000),
+            runtime=runtime(30),
+        params:
+            settings=settings("network"),
+            science=science("network", "volume"),
+        script:
+            "../../scripts/network_pores.py"
+
+    use rule network_pores as reference_network_pores with:
+        input:
+            graphs=gather.slabs(
+                f"{SAMPLE}/reference_network_basins_graph_{{scatteritem}}.npz",
+                allow_missing=True,
+            ),
+        output:
+            pores=temp(
+                scatter.slabs(
+                    f"{SAMPLE}/reference_network_pores_{{scatteritem}}.npz",
+                    allow_missing=True,
+                )
+            ),
+        log:
+            f"{SAMPLE}/logs/reference_network_pores.log",
+        benchmark:
+            f"{SAMPLE}/benchmarks/reference_network_pores.tsv"
+        wildcard_constraints:
+            sample=any_of(MEASURED),
+
+    rule network_slab_parts:
+        input:
+            field=f"{TWIN}/slabs/network_basins_{{scatteritem}}.npz",
+            pores=f"{TWIN}/slabs/network_pores_{{scatteritem}}.npz",
+        output:
+            field=temp(f"{TWIN}/slabs/network_parts_{{scatteritem}}.npz"),
+            graph=temp(f"{TWIN}/slabs/network_parts_graph_{{scatteritem}}.npz"),
+        log:
+            f"{TWIN}/logs/network_parts_{{scatteritem}}.log",
+        benchmark:
+            f"{TWIN}/benchmarks/network_parts_{{scatteritem}}.tsv"
+        conda:
+            ENVS["analysis"]
+        resources:
+            mem_mb=memory(6000),
+            runtime=runtime(60),
+        params:
+            settings=settings("network"),
+            science=science("network", "volume"),
+        script:
+            "../../scripts/network_parts.py"
+
+    use rule network_slab_parts as reference_network_slab_parts with:
+        input:
+            field=f"{SAMPLE}/reference_network_basins_{{scatteritem}}.npz",
+            pores=f"{SAMPLE}/reference_network_pores_{{scatteritem}}.npz",
+        output:
+            field=temp(f"{SAMPLE}/reference_network_parts_{{scatteritem}}.npz"),
+            graph=temp(f"{SAMPLE}/reference_network_parts_graph_{{scatteritem}}.npz"),
+        log:
+            f"{SAMPLE}/logs/reference_network_parts_{{scatteritem}}.log",
+        benchmark:
+            f"{SAMPLE}/benchmarks/reference_network_parts_{{scatteritem}}.tsv"
+        wildcard_constraints:
+            sample=any_of(MEASURED),
+
+    rule network_throats:
+        input:
+            graphs=gather.slabs(
+                f"{TWIN}/slabs/network_parts_graph_{{scatteritem}}.npz",
+                allow_missing=True,
+            ),
+        output:
+            asked=temp(
+                scatter.slabs(
+                    f"{TWIN}/slabs/network_throats_{{scatteritem}}.npz",
+                    allow_missing=True,
+                )
+            ),
+            known=temp(f"{TWIN}/slabs/network_throats.npz"),
+        log:
+            f"{TWIN}/logs/network_throats.log",
+        benchmark:
+            f"{TWIN}/benchmarks/network_throats.tsv"
+        conda:
+            ENVS["analysis"]
+        resources:
+            mem_mb=memory(4000),
+            runtime=runtime(30),
+        params:
+            settings=settings("network"),
+            science=science("network", "volume"),
+        script:
+            "../../scripts/network_throats.py"
+
+    use rule network_throats as reference_network_throats with:
+        input:
+            graphs=gather.slabs(
+                f"{SAMPLE}/reference_network_parts_graph_{{scatteritem}}.npz",
+                allow_missing=True,
+            ),
+        output:
+            asked=temp(
+                scatter.slabs(
+                    f"{SAMPLE}/reference_network_throats_{{scatteritem}}.npz",
+                    allow_missing=True,
+                )
+            ),
+            known=temp(f"{SAMPLE}/reference_network_throats.npz"),
+        log:
+            f"{SAMPLE}/logs/reference_network_throats.log",
+        benchmark:
+            f"{SAMPLE}/benchmarks/reference_network_throats.tsv"
+        wildcard_constraints:
+            sample=any_of(MEASURED),
+
+    rule network_slab_measures:
+        input:
+            field=f"{TWIN}/slabs/network_parts_{{scatteritem}}.npz",
+            asked=f"{TWIN}/slabs/network_throats_{{scatteritem}}.npz",
+        output:
+            measured=temp(f"{TWIN}/slabs/network_measures_{{scatteritem}}.npz"),
+        log:
+            f"{TWIN}/logs/network_measures_{{scatteritem}}.log",
+        benchmark:
+            f"{TWIN}/benchmarks/network_measures_{{scatteritem}}.tsv"
+        conda:
+            ENVS["analysis"]
+        resources:
+            mem_mb=memory(6000),
+            runtime=runtime(60),
+        params:
+            settings=settings("network"),
+            science=science("network", "volume"),
+        script:
+            "../../scripts/network_measures.py"
+
+    use rule network_slab_measures as reference_network_slab_measures with:
+        input:
+            field=f"{SAMPLE}/reference_network_parts_{{scatteritem}}.npz",
+            asked=f"{SAMPLE}/reference_network_throats_{{scatteritem}}.npz",
+        output:
+            measured=temp(f"{SAMPLE}/reference_network_measures_{{scatteritem}}.npz"),
+        log:
+            f"{SAMPLE}/logs/reference_network_measures_{{scatteritem}}.log",
+        benchmark:
+            f"{SAMPLE}/benchmarks/reference_network_measures_{{scatteritem}}.tsv"
+        wildcard_constraints:
+            sample=any_of(MEASURED),
+
+    rule network_joined:
+        input:
+            volume=f"{TWIN}/twin.zarr.zip",
+            known=f"{TWIN}/slabs/network_throats.npz",
+            measured=gather.slabs(
+                f"{TWIN}/slabs/network_measures_{{scatteritem}}.npz",
+                allow_missing=True,
+            ),
+        output:
+            pores=f"{TWIN}/network_pores.csv",
+            throats=f"{TWIN}/network_throats.csv",
+            record=f"{TWIN}/logs/network.json",
+        log:
+            f"{TWIN}/logs/network.log",
+        benchmark:
+            f"{TWIN}/benchmarks/network.tsv"
+        wildcard_constraints:
+            variant=any_of(BY_SLABS),
+        conda:
+            ENVS["analysis"]
+        resources:
+            mem_mb=memory(2000),
+            runtime=runtime(10),
+        params:
+            settings=settings("network"),
+            science=science("network", "volume"),
+        script:
+            "../../scripts/network_joined.py"
+
+    use rule network_joined as reference_network_joined with:
+        input:
+            volume=f"{SAMPLE}/reference.zarr.zip",
+            known=f"{SAMPLE}/reference_network_throats.npz",
+            measured=gather.slabs(
+                f"{SAMPLE}/reference_network_measures_{{scatteritem}}.npz",
+                allow_missing=True,
+            ),
+        output:
+            pores=f"{SAMPLE}/reference_network_pores.csv",
+            throats=f"{SAMPLE}/reference_network_throats.csv",
+            record=f"{SAMPLE}/logs/reference_network.json",
+        log:
+            f"{SAMPLE}/logs/reference_network.log",
+        benchmark:
+            f"{SAMPLE}/benchmarks/reference_network.tsv"
+        wildcard_constraints:
+            sample=any_of(
+                MEASURED if CONFIG["network"]["method"] == "persistence" else []
+            ),
+
+
 rule flow:
     input:
         volume=f"{TWIN}/twin.zarr.zip",

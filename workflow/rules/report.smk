@@ -20,6 +20,15 @@ if SLABS > 1:
         *gather.slabs("twin_{scatteritem}"),
         *gather.slabs("s2_volume_{scatteritem}"),
     ]
+NETWORK_JOBS = [
+    "network_pores",
+    "network_throats",
+    *gather.slabs("network_columns_{scatteritem}"),
+    *gather.slabs("network_distances_{scatteritem}"),
+    *gather.slabs("network_basins_{scatteritem}"),
+    *gather.slabs("network_parts_{scatteritem}"),
+    *gather.slabs("network_measures_{scatteritem}"),
+]
 FIGURES = [
     "block",
     "section",
@@ -85,7 +94,7 @@ rule metrics:
         reference_s2=where_referenced("reference_s2.csv"),
         reference_pores=where_referenced("reference_network_pores.csv"),
         reference_throats=where_referenced("reference_network_throats.csv"),
-        benchmarks=timed(*TWIN_JOBS),
+        benchmarks=timed_jobs_of_twin,
     output:
         metrics=f"{TWIN}/metrics.csv",
         row=f"{TWIN}/summary_row.csv",

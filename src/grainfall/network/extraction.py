@@ -98,7 +98,29 @@ def measure(parts: Partition, found: Interfaces, voxel_size_um: float) -> Networ
     outside it) come after them; throats as in the interfaces, those to boundary pores after them.
     """
     pores, throats = measure_pores(parts), measure_throats(parts, found)
-    openings = measure_openings(parts)
+    return assemble(pores, throats, measure_openings(parts), found.conns, found.disc, voxel_size_um)
+
+
+def assemble(
+    pores: dict[str, np.ndarray],
+    throats: dict[str, np.ndarray],
+    openings: list[dict[str, np.ndarray]],
+    conns: np.ndarray,
+    disc: np.ndarray,
+    voxel_size_um: float,
+) -> Network:
+    """The network of what :mod:`grainfall.network.geometry` has measured, numbered as by :func:`measure`.
+
+    Parameters
+    ----------
+    pores, throats, openings
+        In voxels.
+    conns : (m, 2) array of int
+        Pores of each throat, from 0.
+    disc : (m,) array of bool
+        As in :class:`Interfaces`.
+    voxel_size_um : float
+    """
     n = len(pores["coords"])
     face = np.repeat(np.arange(6), [len(o["pore"]) for o in openings])
     opening = {name: np.concatenate([o[name] for o in openings]) for name in openings[0]}
@@ -116,7 +138,7 @@ def measure(parts: Partition, found: Interfaces, voxel_size_um: float) -> Networ
         "equivalent_diameter": opening["equivalent_diameter"],
         "shape_factor": opening["shape_factor"],
     }
-    conns = np.concatenate([found.conns, np.stack([opening["pore"], n + np.arange(k)], axis=1)])
+    conns = np.concatenate([conns, np.stack([opening["pore"], n + np.arange(k)], axis=1)])
     network: Network = {"throat.conns": conns.astype(np.int64)}
     for name, values in pores.items():
         network[f"pore.{name}"] = np.concatenate([values, beyond[name]])
@@ -132,7 +154,7 @@ def measure(parts: Partition, found: Interfaces, voxel_size_um: float) -> Networ
     network["pore.boundary"] = np.arange(n + k) >= n
     for number, name in enumerate(FACES):
         network[f"pore.{name}"] = np.concatenate([np.zeros(n, bool), face == number])
-    network["throat.disc_bounding"] = np.concatenate([found.disc, np.zeros(k, bool)])
+    network["throat.disc_bounding"] = np.concatenate([disc, np.zeros(k, bool)])
     return network
 
 

@@ -22,7 +22,7 @@ import skimage  # its parts load when they are first used
 from numba import njit
 
 from grainfall.network.partition import Partition, surroundings
-from grainfall.network.topology import Interfaces
+from grainfall.network.topology import Interfaces, grown
 
 CIRCLE = 1 / (4 * np.pi)
 """Shape factor of a circle, the largest there is."""
@@ -40,13 +40,33 @@ def measure_pores(parts: Partition) -> dict[str, np.ndarray]:
         OpenPNM's names without ``pore.``; ``coords`` (n, 3) is the voxel of the largest sphere, where several
         hold it the one nearest to their mean.
     """
-    peak = parts.squared_distance.reshape(-1)[parts.peaks].astype(float)
-    volume, wall, mean = _bulk(parts.labels, parts.squared_distance, peak)
-    centre = _nearest_peaks(parts.labels, parts.squared_distance, peak, mean)
-    reach = 2 * np.sqrt(_farthest(parts.labels, centre)) + 1
+    labels, squared = parts.labels, parts.squared_distance
+    peak = squared.reshape(-1)[parts.peaks].astype(float)
+    volume, *highest = find_peaks(labels, squared, 0, len(labels), peak)
+    centre = centres(*highest, labels.shape, len(peak))
+    none = np.zeros(len(peak), bool)
+    wall, reach, _, _ = measure_walls(labels, squared, 0, len(labels), centre, none)
+    return pores_of(volume, wall, reach, peak, centre)
+
+
+def pores_of(
+    volume: np.ndarray, wall: np.ndarray, reach: np.ndarray, peak: np.ndarray, centre: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Properties of pores, as :func:`measure_pores`, of what has been measured on their voxels.
+
+    Parameters
+    ----------
+    volume, wall : (n,) array of float
+        Number of voxels, area of the wall.
+    reach, peak : (n,) array of float
+        Squared distances from the centre to the farthest voxel, and to the nearest solid one.
+    centre : (n, 3) array of int
+        Voxel (z, y, x).
+    """
+    across = 2 * np.sqrt(reach) + 1
     radius = np.sqrt(peak)
     shape = np.full(len(peak), CIRCLE)
-    np.divide(volume * reach, wall**2, out=shape, where=wall > 0)
+    np.divide(volume * across, wall**2, out=shape, where=wall > 0)
     return {
         "coords": centre[:, ::-1] + 0.5,
         "volume": volume,
@@ -67,15 +87,84 @@ def measure_throats(parts: Partition, found: Interfaces) -> dict[str, np.ndarray
         OpenPNM's names without ``throat.``; ``coords`` (m, 3) is the middle of the face of the largest
         sphere, where several hold it of the one nearest to their mean.
     """
-    faces = (found.voxels, found.axes, found.throats)
-    vector, count, radius, place = _faces(parts.labels, parts.squared_distance, *faces, found.saddles)
+    labels, squared = parts.labels, parts.squared_distance
+    faces, m = 3 * found.voxels + found.axes, len(found.saddles)
+    peak = face_heights(squared, faces[found.saddles]).astype(float)
+    vector, count, widest, around = sum_faces(labels, squared, faces, found.throats, peak)
+    place = middles(found.throats[widest], faces[widest], around, labels.shape, m)
+    area, normals = cross_sections(vector, count)
+    rim, _, _ = measure_rims(labels, faces, found.throats, normals, np.zeros(m, bool))
+    return throats_of(np.sqrt(peak), area, rim, place)
+
+
+def throats_of(
+    radius: np.ndarray, area: np.ndarray, rim: np.ndarray, place: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Properties of throats, as :func:`measure_throats`, of what has been measured on their faces.
+
+    Parameters
+    ----------
+    radius, area, rim : (m,) array of float
+        Rim as :func:`measure_rims` sums it.
+    place : (m, 3) array of float
+        (z, y, x) from the volume's corner.
+    """
+    return {"coords": place[:, ::-1]} | _sections(radius, area, np.abs(rim))
+
+
+def cross_sections(vector: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Areas and normals of throats from their vector areas (m, 3) and numbers of faces."""
     area = np.linalg.norm(vector, axis=1)
     # the interface around an enclosed pore has no vector area: take the mean shadow of a convex body, a
     # quarter of its surface, which is 2/3 of its voxel faces
     closed = area == 0
-    perimeter = _rims(parts.labels, *faces, vector / np.where(closed, 1, area)[:, None])
+    normals = vector / np.where(closed, 1, area)[:, None]
     area[closed] = count[closed] / 6
-    return {"coords": place[:, ::-1]} | _sections(radius, area, perimeter)
+    return area, normals
+
+
+def face_heights(squared: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Squared distance (k,) of the lower voxel at faces, 3 * voxel + axis."""
+    _, ny, nx = squared.shape
+    before, flat = faces // 3, squared.reshape(-1)
+    return np.minimum(flat[before], flat[before + np.array([ny * nx, nx, 1])[faces % 3]])
+
+
+def centres(
+    owner: np.ndarray, voxels: np.ndarray, around: np.ndarray, shape: tuple[int, int, int], n: int
+) -> np.ndarray:
+    """Voxels (n, 3), as (z, y, x), of the pores: of the highest ones, by place, the nearest to their mean.
+
+    Parameters
+    ----------
+    owner, voxels, around : (k,) array of int
+        Pore, from 0, flat index and :func:`surroundings` of each of the highest voxels.
+    shape : tuple of int
+        Of the volume.
+    n : int
+        Number of pores.
+    """
+    places = np.stack(np.unravel_index(voxels, shape), axis=1)
+    return places[_nearest_to_mean(owner, places.astype(float), around, n)]
+
+
+def middles(
+    owner: np.ndarray, faces: np.ndarray, around: np.ndarray, shape: tuple[int, int, int], m: int
+) -> np.ndarray:
+    """Middles (m, 3), as (z, y, x), of the throats: of the widest faces, by place, the nearest to their mean.
+
+    Parameters
+    ----------
+    owner, faces, around : (k,) array of int
+        Throat, from 0, place as 3 * voxel + axis and sum of the :func:`surroundings` of each of the widest.
+    shape : tuple of int
+        Of the volume.
+    m : int
+        Number of throats.
+    """
+    places = np.stack(np.unravel_index(faces // 3, shape), axis=1) + 0.5
+    places[np.arange(len(faces)), faces % 3] += 0.5
+    return places[_nearest_to_mean(owner, places, around, m)]
 
 
 def measure_openings(parts: Partition) -> list[dict[str, np.ndarray]]:
@@ -87,18 +176,32 @@ def measure_openings(parts: Partition) -> list[dict[str, np.ndarray]]:
         Per face of the image, as :func:`measure_throats`, one entry per connected patch of a pore on the
         face, and ``pore`` (k,) int, from 0.
     """
-    found = []
-    for axis in (2, 1, 0):
-        for side in (0, 1):
-            pores = parts.labels.take(-side, axis)
-            squared = parts.squared_distance.take(-side, axis)
-            patches = skimage.measure.label(pores, background=0, connectivity=1)
-            n = int(patches.max())
-            pore, area, rim, peak, mean = _patches(parts.labels, axis, side, patches, squared, n)
-            spot = _nearest_in_patches(patches, squared, peak, mean)
-            place = np.insert(spot + 0.5, axis, 0.0 if side == 0 else parts.labels.shape[axis], axis=1)
-            found.append({"pore": pore - 1, "coords": place[:, ::-1]} | _sections(np.sqrt(peak), area, rim))
-    return found
+    rinds = {face: rind(face, parts.labels, parts.squared_distance) for face in FACES_OUT}
+    return [measure_opening(*face, *rinds[face], parts.labels.shape) for face in FACES_OUT]
+
+
+FACES_OUT = tuple((axis, side) for axis in (2, 1, 0) for side in (0, 1))
+"""Faces of the image, in their order: axis of the normal, 0 at its lower end and 1 at its upper."""
+
+
+def rind(face: tuple[int, int], labels: np.ndarray, squared: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What is measured of openings onto a face: labels of its two outermost layers, distances of the last."""
+    axis, side = face
+    layers = np.arange(labels.shape[axis])
+    outer = layers[-2:] if side else layers[:2]
+    return np.ascontiguousarray(labels.take(outer, axis)), squared.take(-side, axis)
+
+
+def measure_opening(
+    axis: int, side: int, labels: np.ndarray, squared: np.ndarray, shape: tuple[int, int, int]
+) -> dict[str, np.ndarray]:
+    """Openings onto one face of a volume of this shape, from its :func:`rind`."""
+    patches = skimage.measure.label(labels.take(-side, axis), background=0, connectivity=1)
+    n = int(patches.max())
+    pore, area, rim, peak, mean = _patches(labels, axis, side, patches, squared, n)
+    spot = _nearest_in_patches(patches, squared, peak, mean)
+    place = np.insert(spot + 0.5, axis, 0.0 if side == 0 else shape[axis], axis=1)
+    return {"pore": pore - 1, "coords": place[:, ::-1]} | _sections(np.sqrt(peak), area, rim)
 
 
 def _sections(radius: np.ndarray, area: np.ndarray, perimeter: np.ndarray) -> dict[str, np.ndarray]:
@@ -169,106 +272,159 @@ def _wall(labels, z, y, x):
 
 
 @njit(cache=True)
-def _bulk(labels, squared, peak):
-    """Volume, wall area and mean place of the highest voxels of every pore."""
-    nz, ny, nx = labels.shape
-    volume, wall = np.zeros(peak.size), np.zeros(peak.size)
-    mean, highest = np.zeros((peak.size, 3)), np.zeros(peak.size)
-    for z in range(nz):
+def find_peaks(labels, squared, start, stop, peak):
+    """Number of voxels of every pore in some planes, and its highest there.
+
+    Parameters
+    ----------
+    labels, squared : (nz, ny, nx) array of int
+        Pores, from 1, and squared distances, in those planes and two on either side, or as many as there are.
+    start, stop : int
+        The planes are those from ``start`` on, before ``stop``.
+    peak : (n,) array of float
+        Squared distance of the highest voxels of each pore.
+
+    Returns
+    -------
+    volume : (n,) ndarray of float
+    owner : (k,) ndarray of int32
+        Pore of each of the highest, from 0.
+    voxels, around : (k,) ndarray of int64
+        Their flat indices and surroundings.
+    """
+    _, ny, nx = labels.shape
+    flat = squared.reshape(-1)
+    volume = np.zeros(peak.size)
+    owner, voxels, around = np.zeros(1024, np.int32), np.zeros(1024, np.int64), np.zeros(1024, np.int64)
+    count, v = 0, start * ny * nx - 1
+    for z in range(start, stop):
         for y in range(ny):
             for x in range(nx):
+                v += 1
                 p = labels[z, y, x] - 1
                 if p < 0:
                     continue
                 volume[p] += 1
-                if squared[z, y, x] == peak[p]:
-                    highest[p] += 1
-                    mean[p, 0] += z
-                    mean[p, 1] += y
-                    mean[p, 2] += x
-                if squared[z, y, x] > 1:
-                    continue
-                wall[p] += _wall(labels, z, y, x)
-    for p in range(peak.size):
-        mean[p] /= highest[p]
-    return volume, wall, mean
+                if flat[v] == peak[p]:
+                    if count == owner.size:
+                        owner, voxels, around = grown(owner), grown(voxels), grown(around)
+                    owner[count], voxels[count], around[count] = p, v, surroundings(flat, labels.shape, v)
+                    count += 1
+    return volume, owner[:count], voxels[:count], around[:count]
 
 
 @njit(cache=True)
-def _nearest_peaks(labels, squared, peak, mean):
-    """Of the highest voxels of every pore the one nearest to their mean."""
-    flat, shape = squared.reshape(-1), labels.shape
-    centre = np.zeros((peak.size, 3), np.int64)
-    least, around = np.full(peak.size, np.inf), np.zeros(peak.size, np.int64)
-    for z in range(shape[0]):
-        for y in range(shape[1]):
-            for x in range(shape[2]):
-                p = labels[z, y, x] - 1
-                if p < 0 or squared[z, y, x] != peak[p]:
-                    continue
-                away = (z - mean[p, 0]) ** 2 + (y - mean[p, 1]) ** 2 + (x - mean[p, 2]) ** 2
-                if away > least[p] + SAME:
-                    continue
-                higher = surroundings(flat, shape, (z * shape[1] + y) * shape[2] + x)
-                if away < least[p] - SAME or higher > around[p]:
-                    least[p], around[p] = away, higher
-                    centre[p, 0], centre[p, 1], centre[p, 2] = z, y, x
-    return centre
+def _nearest_to_mean(owner, places, around, n):
+    """Of each owner's places the one nearest to their mean; of equals the one with most around it."""
+    mean, count = np.zeros((n, 3)), np.zeros(n)
+    for i in range(owner.size):
+        p = owner[i]
+        count[p] += 1
+        for k in range(3):
+            mean[p, k] += places[i, k]
+    for p in range(n):
+        mean[p] /= count[p]
+    nearest = np.zeros(n, np.int64)
+    least, most = np.full(n, np.inf), np.zeros(n, np.int64)
+    for i in range(owner.size):
+        p, at = owner[i], places[i]
+        away = (at[0] - mean[p, 0]) ** 2 + (at[1] - mean[p, 1]) ** 2 + (at[2] - mean[p, 2]) ** 2
+        if away > least[p] + SAME:
+            continue
+        if away < least[p] - SAME or around[i] > most[p]:
+            least[p], most[p], nearest[p] = away, around[i], i
+    return nearest
 
 
 @njit(cache=True)
-def _farthest(labels, centre):
-    """Squared distance from the centre of every pore to its farthest voxel."""
-    reach = np.zeros(centre.shape[0])
-    for z in range(labels.shape[0]):
+def measure_walls(labels, squared, start, stop, centre, later):
+    """Area of the wall of every pore in some planes, and how far it reaches from its centre.
+
+    Parameters
+    ----------
+    labels, squared : (nz, ny, nx) array of int
+        As for :func:`find_peaks`; beyond the planes it matters only where labels are 0.
+    start, stop : int
+        As there.
+    centre : (n, 3) array of int
+        Centre of each pore (z, y, x), by the indices of these arrays.
+    later : (n,) array of bool
+        Which have had voxels in earlier planes: the terms of their sums are handed back as they are, to be
+        added to those one by one, so that sums do not depend on where the planes are cut.
+
+    Returns
+    -------
+    wall, reach : (n,) ndarray of float
+        Area, 0 of what is later; square of the distance to the farthest voxel.
+    owner : (k,) ndarray of int32
+    terms : (k,) ndarray of float
+        Of the areas that are later, and their pores.
+    """
+    wall, reach = np.zeros(later.size), np.zeros(later.size)
+    owner, terms, count = np.zeros(1024, np.int32), np.zeros(1024), 0
+    for z in range(start, stop):
         for y in range(labels.shape[1]):
             for x in range(labels.shape[2]):
                 p = labels[z, y, x] - 1
-                if p >= 0:
-                    away = (z - centre[p, 0]) ** 2 + (y - centre[p, 1]) ** 2 + (x - centre[p, 2]) ** 2
-                    reach[p] = max(reach[p], away)
-    return reach
+                if p < 0:
+                    continue
+                away = (z - centre[p, 0]) ** 2 + (y - centre[p, 1]) ** 2 + (x - centre[p, 2]) ** 2
+                reach[p] = max(reach[p], away)
+                if squared[z, y, x] > 1:
+                    continue
+                area = _wall(labels, z, y, x)
+                if not later[p]:
+                    wall[p] += area
+                    continue
+                if count == owner.size:
+                    owner, terms = grown(owner), grown(terms)
+                owner[count], terms[count] = p, area
+                count += 1
+    return wall, reach, owner[:count], terms[:count]
 
 
 @njit(cache=True)
-def _faces(labels, squared, voxels, axes, throats, saddles):
-    """Vector area, number of faces, radius and place of the widest face of every throat."""
+def sum_faces(labels, squared, faces, owner, peak):
+    """Vector area, number of faces, and the widest faces, of throats or their parts.
+
+    Parameters
+    ----------
+    labels, squared : (nz, ny, nx) array of int
+        Pores and squared distances.
+    faces : (f,) array of int64
+        3 * voxel + axis.
+    owner : (f,) array of int32
+        Throat of each, from 0.
+    peak : (m,) array of float
+        Squared distance of the lower voxel at the widest faces of each throat.
+
+    Returns
+    -------
+    vector : (m, 3) ndarray of float
+        Along (z, y, x), from the lower pore to the higher.
+    count : (m,) ndarray of float
+    widest : (k,) ndarray of int64
+        Places in ``faces``.
+    around : (k,) ndarray of int64
+        Sums of the surroundings of their two voxels.
+    """
     flat, distance = labels.reshape(-1), squared.reshape(-1)
     _, ny, nx = labels.shape
     steps = np.array([ny * nx, nx, 1])
-    m = saddles.size
-    vector, count = np.zeros((m, 3)), np.zeros(m)
-    mean, highest = np.zeros((m, 3)), np.zeros(m)
-    place, least, around = np.zeros((m, 3)), np.full(m, np.inf), np.zeros(m, np.int64)
-    peak = np.empty(m)
-    for t in range(m):
-        v, axis = voxels[saddles[t]], axes[saddles[t]]
-        peak[t] = min(distance[v], distance[v + steps[axis]])
-    for f in range(voxels.size):
-        v, axis, t = voxels[f], axes[f], throats[f]
+    vector, count = np.zeros((peak.size, 3)), np.zeros(peak.size)
+    widest, around, found = np.zeros(1024, np.int64), np.zeros(1024, np.int64), 0
+    for f in range(faces.size):
+        v, axis, t = faces[f] // 3, faces[f] % 3, owner[f]
         w = v + steps[axis]
         vector[t, axis] += _side(flat[v], flat[w])
         count[t] += 1
         if min(distance[v], distance[w]) == peak[t]:
-            highest[t] += 1
-            at = _middle(v, axis, ny, nx)
-            for k in range(3):
-                mean[t, k] += at[k]
-    for t in range(m):
-        mean[t] /= highest[t]
-    for f in range(voxels.size):
-        v, axis, t = voxels[f], axes[f], throats[f]
-        if min(distance[v], distance[v + steps[axis]]) == peak[t]:
-            at = _middle(v, axis, ny, nx)
-            away = (at[0] - mean[t, 0]) ** 2 + (at[1] - mean[t, 1]) ** 2 + (at[2] - mean[t, 2]) ** 2
-            if away > least[t] + SAME:
-                continue
-            higher = surroundings(distance, labels.shape, v)
-            higher += surroundings(distance, labels.shape, v + steps[axis])
-            if away < least[t] - SAME or higher > around[t]:
-                least[t], around[t] = away, higher
-                place[t, 0], place[t, 1], place[t, 2] = at
-    return vector, count, np.sqrt(peak), place
+            if found == widest.size:
+                widest, around = grown(widest), grown(around)
+            both = surroundings(distance, labels.shape, v) + surroundings(distance, labels.shape, w)
+            widest[found], around[found] = f, both
+            found += 1
+    return vector, count, widest[:found], around[:found]
 
 
 @njit(cache=True)
@@ -278,25 +434,40 @@ def _side(here, there):
 
 
 @njit(cache=True)
-def _middle(v, axis, ny, nx):
-    """Middle of the face between a voxel and the next along an axis."""
-    z = v // (ny * nx)
-    y = v // nx - z * ny
-    x = v - (z * ny + y) * nx
-    return z + (1.0 if axis == 0 else 0.5), y + (1.0 if axis == 1 else 0.5), x + (1.0 if axis == 2 else 0.5)
+def measure_rims(labels, faces, owner, normals, later):
+    """Length of the rim of every throat on the wall: the integral of its tangent along the rim's edges.
 
+    Parameters
+    ----------
+    labels : (nz, ny, nx) array of int
+        Pores, on both sides of the faces and two planes further, or as many as there are; there it matters
+        only where they are 0.
+    faces : (f,) array of int64
+        3 * voxel + axis.
+    owner : (f,) array of int32
+        Throat of each, from 0.
+    normals : (m, 3) array of float
+        Of the throats, along (z, y, x).
+    later : (m,) array of bool
+        As for :func:`measure_walls`.
 
-@njit(cache=True)
-def _rims(labels, voxels, axes, throats, normals):
-    """Length of the rim of every throat on the wall: the integral of its tangent along the rim's edges."""
+    Returns
+    -------
+    rim : (m,) ndarray of float
+        Of either sign, 0 of what is later.
+    owner : (k,) ndarray of int32
+    terms : (k,) ndarray of float
+        Of the rims that are later, and their throats.
+    """
     flat = labels.reshape(-1)
     size = np.array(labels.shape)
     _, ny, nx = labels.shape
     steps = np.array([ny * nx, nx, 1])
     rim = np.zeros(normals.shape[0])
+    owners, terms, count = np.zeros(1024, np.int32), np.zeros(1024), 0
     at = np.empty(3, np.int64)
-    for f in range(voxels.size):
-        v, axis, t = voxels[f], axes[f], throats[f]
+    for f in range(faces.size):
+        v, axis, t = faces[f] // 3, faces[f] % 3, owner[f]
         w = v + steps[axis]
         sense = _side(flat[v], flat[w])
         n = normals[t]
@@ -326,8 +497,15 @@ def _rims(labels, voxels, axes, throats, normals):
                 turn = 1 if (axis + 1) % 3 == along else -1
                 if length > 0:
                     tangent = p if third == 0 else q if third == 1 else r
-                    rim[t] += sense * side * turn * tangent / length
-    return np.abs(rim)
+                    term = sense * side * turn * tangent / length
+                    if not later[t]:
+                        rim[t] += term
+                        continue
+                    if count == owners.size:
+                        owners, terms = grown(owners), grown(terms)
+                    owners[count], terms[count] = t, term
+                    count += 1
+    return rim, owners[:count], terms[:count]
 
 
 @njit(cache=True)

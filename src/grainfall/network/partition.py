@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import edt
 import numpy as np
 from numba import njit
 
 from grainfall.errors import InputError
+from grainfall.network.distance import squared_distances
 
 PERSISTENCE = 0.1
 """Default persistence of a pore: share of its radius by which the way to a larger pore must narrow."""
@@ -82,25 +82,144 @@ def partition(pore: np.ndarray, *, persistence: float = PERSISTENCE, threads: in
     """
     if not 0 <= persistence < 1:
         raise InputError("network.persistence", f"{persistence} is out of range", "0 ≤ persistence < 1")
-    # the faces of the image are no walls
-    squared = edt.edtsq(np.ascontiguousarray(pore, bool), black_border=False, parallel=threads)
-    # whole numbers, and small ones: half the memory and half the traffic
-    squared = squared.astype(np.uint16 if squared.max() < 2**16 else np.uint32)
-    flat, labels, tree = squared.reshape(-1), np.zeros(pore.size, np.int32), np.zeros(pore.size, np.uint8)
-    tops = np.empty(_ascend(flat, pore.shape, tree), np.int64)
+    squared = squared_distances(pore, threads=threads)
+    basins = find_basins(squared, 0, len(squared))
+    tops = np.lexsort((-basins.around, -basins.heights))
+    rank = np.zeros(len(tops) + 1, np.int32)
+    rank[1:][tops] = np.arange(1, len(tops) + 1)
+    saddles = basins.saddles.sort()
+    pores, joined = join_basins(basins.heights[tops], rank[saddles.ends], saddles.heights, persistence)
+    join_trees(basins.tree, saddles.faces[joined])
+    number_voxels(basins.labels.reshape(-1), pores[rank])
+    peaks = basins.tops[tops][np.unique(pores[1:], return_index=True)[1]]
+    return Partition(basins.labels, squared, basins.tree, peaks)
+
+
+@dataclass(frozen=True)
+class Saddles:
+    """Faces between basins.
+
+    Attributes
+    ----------
+    faces : (k,) ndarray of int64
+        3 * flat index of the voxel before the face + axis of its normal.
+    ends : (k, 2) ndarray of int32
+        The basins before and behind it.
+    heights : (k,) ndarray of int64
+        Squared distance of the lower voxel, times 2^32, and of the higher.
+    around : (k,) ndarray of int64
+        Sum of the :func:`surroundings` of both.
+    """
+
+    faces: np.ndarray
+    ends: np.ndarray
+    heights: np.ndarray
+    around: np.ndarray
+
+    def sort(self) -> Saddles:
+        """The same in falling order, ties by place."""
+        return self[np.lexsort((self.faces, -self.around, -self.heights))]
+
+    def __getitem__(self, which: np.ndarray) -> Saddles:
+        return Saddles(self.faces[which], self.ends[which], self.heights[which], self.around[which])
+
+
+@dataclass(frozen=True)
+class Basins:
+    """The basins of some planes of a volume, before any are joined.
+
+    Attributes
+    ----------
+    labels : (nz, ny, nx) ndarray of int32
+        Where the way up from each voxel ends, or leaves those planes: the pore voxels of the plane before
+        come first, then the maxima, then the pore voxels of the plane behind, from 1; 0 elsewhere.
+    tree : (nz, ny, nx) ndarray of uint8
+        As in :class:`Partition`, by the ways up from the voxels of those planes and of the one behind.
+    tops : (n,) ndarray of int64
+        Flat indices of the maxima.
+    heights, around : (n,) ndarray of int64
+        Their squared distances and :func:`surroundings`.
+    saddles : Saddles
+        Faces between basins, those to the plane behind among them, by place.
+    """
+
+    labels: np.ndarray
+    tree: np.ndarray
+    tops: np.ndarray
+    heights: np.ndarray
+    around: np.ndarray
+    saddles: Saddles
+
+
+def find_basins(squared: np.ndarray, start: int, stop: int) -> Basins:
+    """Basins of the maxima of the distance in some planes, and the ways out of them.
+
+    Parameters
+    ----------
+    squared : (nz, ny, nx) array of uint16 or uint32
+        Squared distance in those planes, in three or more before them and in four or more behind, or as many
+        as there are.
+    start, stop : int
+        The planes are those from ``start`` on, before ``stop``.
+
+    Returns
+    -------
+    Basins
+    """
+    shape, flat = squared.shape, squared.reshape(-1)
+    labels, tree = np.zeros(shape, np.int32), np.zeros(shape, np.uint8)
+    ways, numbers = tree.reshape(-1), labels.reshape(-1)
+    tops = np.empty(_ascend(flat, shape, start, stop, ways), np.int64)
     around = np.empty(len(tops), np.int64)
-    _find_tops(flat, pore.shape, tree, tops, around)
-    tops = tops[np.lexsort((-around, -flat[tops].astype(np.int64)))]
-    labels[tops] = np.arange(1, len(tops) + 1)
-    _descend(pore.shape, tree, labels)
-    count, kinds = _find_saddles(flat, pore.shape, labels), (np.int64, np.int8, np.int64, np.int64)
-    voxels, axes, heights, around = (np.empty(count, kind) for kind in kinds)
-    _find_saddles(flat, pore.shape, labels, voxels, axes, heights, around)
-    falling = np.lexsort((-around, -heights))
-    basin = _cancel(flat, pore.shape, labels, tops, voxels[falling], axes[falling], persistence, tree)
+    _find_tops(flat, shape, ways, tops, around)
+    if stop < len(squared):  # ways down into the last plane are edges of the tree like others
+        _ascend(flat, shape, stop, stop + 1, ways)
+    plane = shape[1] * shape[2]
+    beside = [
+        np.flatnonzero(flat[max(z, 0) * plane : (z + 1) * plane]) + z * plane for z in (start - 1, stop)
+    ]
+    seeds = np.concatenate([beside[0], tops, beside[1]])
+    numbers[seeds] = np.arange(1, len(seeds) + 1)
+    _descend(shape, ways, numbers)
+    count = _find_saddles(flat, shape, start, stop, numbers)
+    faces, ends = np.empty(count, np.int64), np.empty((count, 2), np.int32)
+    saddles = Saddles(faces, ends, np.empty(count, np.int64), np.empty(count, np.int64))
+    _find_saddles(flat, shape, start, stop, numbers, faces, ends, saddles.heights, saddles.around)
+    return Basins(labels, tree, tops, flat[tops].astype(np.int64), around, saddles)
+
+
+def join_basins(
+    tops: np.ndarray, ends: np.ndarray, heights: np.ndarray, persistence: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Join basins across saddles until every maximum persists.
+
+    Parameters
+    ----------
+    tops : (n,) array of int
+        Squared distance of the maxima in falling order.
+    ends : (k, 2) array of int
+        Basins on the two sides of the saddles, 1 ... n, in falling order of these.
+    heights : (k,) array of int64
+        Of the saddles, as :class:`Saddles` has them.
+    persistence : float
+        As for :func:`partition`.
+
+    Returns
+    -------
+    pores : (n + 1,) ndarray of int32
+        Pore of each basin; 0 of 0, the solid.
+    joined : (k,) ndarray of bool
+        Saddles across which basins were joined.
+    """
+    basin, joined = _cancel(tops, ends, heights >> 32, persistence)
     alive = basin == np.arange(len(basin))  # the solid, 0, is a basin of its own
-    _number(labels, np.cumsum(alive, dtype=np.int32)[basin] - 1)
-    return Partition(labels.reshape(pore.shape), squared, tree.reshape(pore.shape), tops[alive[1:]])
+    return (np.cumsum(alive, dtype=np.int32) - 1)[basin], joined
+
+
+def join_trees(tree: np.ndarray, faces: np.ndarray) -> None:
+    """Join the trees on the two sides of faces, 3 * voxel + axis."""
+    bits = np.left_shift(1, faces % 3).astype(np.uint8)
+    np.bitwise_or.at(tree.reshape(-1), faces // 3, bits)  # a voxel may stand before several faces
 
 
 @njit(cache=True)
@@ -154,14 +273,14 @@ def face_neighbours(v, nz, ny, nx, near):
 
 
 @njit(cache=True)
-def _ascend(squared, shape, tree):
-    """Draw the way up from every voxel, and note it (1 ... 6, maxima 7) above the bits of the tree.
+def _ascend(squared, shape, start, stop, tree):
+    """Draw the way up from every voxel of some planes, and note it (1 ... 6, maxima 7) above the tree's bits.
 
     Returns the number of maxima.
     """
     near = np.empty(6, np.int64)
     tops = 0
-    for v in range(squared.size):
+    for v in range(start * shape[1] * shape[2], stop * shape[1] * shape[2]):
         if squared[v] == 0:
             continue
         face_neighbours(v, shape[0], shape[1], shape[2], near)
@@ -218,15 +337,15 @@ def _descend(shape, tree, labels):
 
 
 @njit(cache=True)
-def _find_saddles(squared, shape, labels, voxels=None, axes=None, heights=None, around=None):
+def _find_saddles(squared, shape, start, stop, labels, faces=None, ends=None, heights=None, around=None):
     """Faces between two basins, without those beside a higher one of the same; how many there are.
 
-    If asked for, which: the voxel before each, its axis, its height and the sum of the two surroundings.
+    If asked for, which, as :class:`Saddles` has them.
     """
     nz, ny, nx = shape
     steps = (ny * nx, nx, 1)
-    count, v = 0, -1
-    for z in range(nz):
+    count, v = 0, start * ny * nx - 1
+    for z in range(start, stop):
         for y in range(ny):
             for x in range(nx):
                 v += 1
@@ -249,8 +368,9 @@ def _find_saddles(squared, shape, labels, voxels=None, axes=None, heights=None, 
                             passed |= _saddle(squared, v + step, w + step) > height
                     if passed:
                         continue
-                    if voxels is not None:
-                        voxels[count], axes[count], heights[count] = v, axis, height
+                    if faces is not None:
+                        faces[count], heights[count] = 3 * v + axis, height
+                        ends[count, 0], ends[count, 1] = labels[v], labels[w]
                         around[count] = surroundings(squared, shape, v) + surroundings(squared, shape, w)
                     count += 1
     return count
@@ -264,34 +384,35 @@ def _saddle(squared, v, w):
 
 
 @njit(cache=True)
-def _cancel(squared, shape, labels, tops, voxels, axes, share, tree):
-    """Join basins across the saddles, in this order, whose lower maximum does not persist: basin of each.
+def _cancel(tops, ends, lows, share):
+    """Join basins across the saddles, in this order, whose lower maximum does not persist.
 
     The merge tree of the superlevel sets is followed beside the cancellations, both with the earliest, that
-    is highest, maximum as root.
+    is highest, maximum as root. Returns the basin of each, and which saddles have joined two.
     """
-    steps = np.array([shape[1] * shape[2], shape[2], 1])
     component, basin = np.arange(tops.size + 1), np.arange(tops.size + 1)
-    for i in range(voxels.size):
-        v, w = voxels[i], voxels[i] + steps[axes[i]]
-        elder, younger = find_root(component, labels[v]), find_root(component, labels[w])
+    joined = np.zeros(lows.size, np.bool_)
+    for i in range(lows.size):
+        v, w = ends[i]
+        elder, younger = find_root(component, v), find_root(component, w)
         if elder == younger:
             continue
         if younger < elder:
             elder, younger = younger, elder
         component[younger] = elder
-        peak, saddle = np.sqrt(squared[tops[younger - 1]]), np.sqrt(min(squared[v], squared[w]))
+        peak, saddle = np.sqrt(tops[younger - 1]), np.sqrt(lows[i])
         if peak - saddle < max(share * peak, DIGITISATION_VOXELS):
-            one, other = find_root(basin, labels[v]), find_root(basin, labels[w])
+            one, other = find_root(basin, v), find_root(basin, w)
             basin[max(one, other)] = min(one, other)
-            _join(tree, v, w, axes[i])
+            joined[i] = True
     for i in range(basin.size):
         basin[i] = find_root(basin, i)
-    return basin
+    return basin, joined
 
 
 @njit(cache=True)
-def _number(labels, number):
+def number_voxels(labels, number):
+    """Replace labels by their numbers, in place."""
     for i in range(labels.size):
         labels[i] = number[labels[i]]
 

@@ -78,30 +78,56 @@ def find_interfaces(parts: Partition) -> Interfaces:
     -------
     Interfaces
     """
-    keys, classes, births, relations = _find_classes(parts)
-    _, ny, nx = parts.labels.shape
-    steps = np.array([ny * nx, nx, 1])
-    flat = parts.labels.reshape(-1)
-    ends = np.stack([flat[births // 3], flat[births // 3 + steps[births % 3]]], axis=1) - 1
+    found = find_classes(parts)
+    ends = ends_of_faces(parts.labels, found.births) - 1
     ends.sort(axis=1)
+    throat, first, disc = number_throats(ends, found.relations)
+    final = throat[found.classes]
+    inside = final >= 0
+    keys, final = found.keys[inside], final[inside]
+    by_throat = np.lexsort((keys, final))
+    keys, final = keys[by_throat], final[by_throat]
+    saddles = np.flatnonzero(keys == found.births[first][final])
+    return Interfaces(keys // 3, (keys % 3).astype(np.int8), final, ends[first], saddles, disc)
+
+
+def ends_of_faces(labels: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Labels (k, 2) before and behind faces, 3 * voxel + axis."""
+    _, ny, nx = labels.shape
+    before, flat = faces // 3, labels.reshape(-1)
+    return np.stack([flat[before], flat[before + np.array([ny * nx, nx, 1])[faces % 3]]], axis=1)
+
+
+def number_throats(ends: np.ndarray, relations: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Throats that classes of edges make up.
+
+    Parameters
+    ----------
+    ends : (c, 2) array of int
+        Pores that each class joins, the lower first.
+    relations : (k, 4) array of int32
+        As in :class:`Classes`; what comes out does not depend on their order.
+
+    Returns
+    -------
+    throat : (c + 1,) ndarray of int32
+        Throat of each class, from 0; -1 where it is of none, as class 0.
+    first : (m,) ndarray of int64
+        First class of each throat, from 0.
+    disc : (m,) ndarray of bool
+        As in :class:`Interfaces`.
+    """
     cut = np.concatenate([[False], ends[:, 0] == ends[:, 1]])  # classes count from 1
     throat = _pieces_of_one(relations, cut)
-    disc = _ended(np.where(cut, 0, throat)[relations], len(births))
+    disc = _ended(np.where(cut, 0, throat)[relations], len(ends))
     # with cuts older than all throats, what the relations end of them are the cuts that others make up for
     number = np.zeros(len(cut), np.int32)
     number[1:][np.argsort(~cut[1:], kind="stable")] = np.arange(1, len(cut))
-    keep = np.where(cut, ~_ended(number[relations], len(births))[number], throat == np.arange(len(cut)))
+    keep = np.where(cut, ~_ended(number[relations], len(ends))[number], throat == np.arange(len(cut)))
     keep[0] = False
-    final = (np.cumsum(keep, dtype=np.int32) - 1)[throat[classes]]
-    inside = keep[throat[classes]]
-    keys, final = keys[inside], final[inside]
-    by_throat = np.lexsort((keys, final))
-    keys, final = keys[by_throat], final[by_throat]
-    kept = keep[1:]
-    saddles = np.flatnonzero(keys == births[kept][final])
-    return Interfaces(
-        keys // 3, (keys % 3).astype(np.int8), final, ends[kept], saddles, (disc & ~cut)[1:][kept]
-    )
+    final = np.where(keep, np.cumsum(keep, dtype=np.int32) - 1, np.int32(-1))[throat]
+    first = np.flatnonzero(keep[1:])
+    return final, first, (disc & ~cut)[1:][first]
 
 
 @njit(cache=True)
@@ -163,24 +189,42 @@ def _reduce(terms, count):
     return left
 
 
-def _find_classes(parts: Partition) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+@dataclass(frozen=True)
+class Classes:
+    """Classes of the edges of a partition that its trees do not contract.
+
+    Attributes
+    ----------
+    keys : (f,) ndarray of int64
+        Edges that were of a class, as 3 * voxel + axis.
+    classes : (f,) ndarray of int32
+        Their classes, 1 ... c by falling birth, or 0 where it has turned out to be contracted.
+    births : (c,) ndarray of int64
+        The edge with which each class was born: its first in the filtration, and of those that one voxel
+        brings the first in the order of :func:`face_neighbours`.
+    relations : (k, 4) ndarray of int32
+        Classes that sum to nothing, three or four and the rest 0; in falling order where one sweep has found
+        them.
+    """
+
+    keys: np.ndarray
+    classes: np.ndarray
+    births: np.ndarray
+    relations: np.ndarray
+
+
+def find_classes(parts: Partition) -> Classes:
     """Classes of the edges of a partition.
 
-    Returns
-    -------
-    keys : (f,) int64
-        Edges that were of a class, as 3 * voxel + axis.
-    classes : (f,) int32
-        Their classes, 1 ... c by falling birth, or 0 where it has turned out to be contracted.
-    births : (c,) int64
-        The edge with which each class was born.
-    relations : (k, 4) int32
-        Classes that sum to nothing, three or four and the rest 0, in falling order.
+    They are the least fixed point of what squares say: one whose edges, without pairs and contracted ones,
+    are of one class contracts it, one with two classes makes them one. What a square says stays true
+    whatever others do, so that the order in which they are looked at does not matter.
     """
     shape, tree = parts.labels.shape, parts.tree.reshape(-1)
     squared = parts.squared_distance.reshape(-1)
     order = np.empty(np.count_nonzero(squared), np.int32 if squared.size < 2**31 else np.int64)
-    _sort_falling(squared, order)
+    if len(order):
+        _sort_falling(squared, order)
     sweep = (squared, order, tree, shape)
     keys, classes = np.zeros(CHUNK, np.int64), np.zeros(CHUNK, np.int32)
     table = np.full(2 * CHUNK, -1, np.int32)
@@ -197,9 +241,35 @@ def _find_classes(parts: Partition) -> tuple[np.ndarray, np.ndarray, np.ndarray,
         if related + 12 > len(relations):
             relations = longer(relations)
     _, faces, count, related = at
-    keys, classes = keys[:faces], classes[:faces]
-    living, related = _settle(keys, classes, tree, parent, birth, count, relations, related)
-    return keys, classes, birth[1 : living + 1], relations[:related]
+    keys, classes, parent = keys[:faces], classes[:faces], parent[: count + 1]
+    tree[keys // 3] &= np.uint8(7)
+    number, relations = settle(parent, relations[:related])
+    return Classes(
+        keys, number[classes], birth[np.flatnonzero(parent == np.arange(len(parent)))[1:]], relations
+    )
+
+
+def settle(parent: np.ndarray, relations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Number the classes that are left when relations unite no more.
+
+    Parameters
+    ----------
+    parent : (c + 1,) array of int32
+        A class that each class is one with, no higher than itself; changed in place.
+    relations : (k, 4) array of int32
+        Classes that sum to nothing, the rest 0; changed in place.
+
+    Returns
+    -------
+    number : (c + 1,) ndarray of int32
+        The classes that are left, from 1 in the same order; 0 for those that are contracted.
+    relations : (j, 4) ndarray of int32
+        Those of three or four of them.
+    """
+    relations = relations[: _unite(parent, relations)]
+    roots = parent == np.arange(len(parent))
+    number = np.where(roots, np.cumsum(roots, dtype=np.int32) - 1, np.int32(0))[parent]
+    return number, number[relations]
 
 
 def longer(values: np.ndarray) -> np.ndarray:
@@ -364,13 +434,13 @@ def _sweep(squared, order, tree, shape, keys, classes, table, parent, birth, rel
 
 
 @njit(cache=True)
-def _settle(keys, classes, tree, parent, birth, count, relations, related):
-    """Number the classes that are left, in place; returns how many there are, of classes and relations.
+def _unite(parent, relations):
+    """Unite classes by the relations until none is of fewer than three; returns how many relations are left.
 
     Relations that the unions have shortened unite further classes.
     """
     terms = np.empty(4, np.int32)
-    changed = True
+    changed, related = True, relations.shape[0]
     while changed:
         changed = False
         kept = 0
@@ -389,24 +459,14 @@ def _settle(keys, classes, tree, parent, birth, count, relations, related):
                 relations[kept, left:] = 0
                 kept += 1
         related = kept
-    number = np.zeros(count + 1, np.int32)
-    living = 0
-    for c in range(1, count + 1):
-        if parent[c] == c:
-            living += 1
-            number[c] = living
-            birth[living] = birth[c]
-    for f in range(keys.size):
-        tree[keys[f] // 3] &= np.uint8(7)
-        classes[f] = number[find_root(parent, classes[f])]
-    for r in range(related):
-        for i in range(4):
-            relations[r, i] = number[relations[r, i]]
-    return living, related
+    for c in range(parent.size):
+        parent[c] = find_root(parent, c)
+    return related
 
 
 @njit(cache=True)
-def _grown(values):
+def grown(values):
+    """The values in an array twice as long."""
     twice = np.empty(2 * values.size, values.dtype)
     twice[: values.size] = values
     return twice
@@ -415,7 +475,7 @@ def _grown(values):
 @njit(cache=True)
 def _push(heap, size, value):
     if size == heap.size:
-        heap = _grown(heap)
+        heap = grown(heap)
     i = size
     while i > 0 and heap[(i - 1) // 2] < value:
         heap[i] = heap[(i - 1) // 2]
@@ -481,7 +541,7 @@ def _ended(relations, count):
                 ends[youngest] = True
                 start[youngest] = used
                 while used + size + 1 > reduced.size:
-                    reduced = _grown(reduced)
+                    reduced = grown(reduced)
                 value = youngest
                 while value > 0:
                     reduced[used] = value
@@ -563,7 +623,7 @@ def _count_pieces(image, value, corners):
                     count += 1
                     pieces += 1
                     if count == parent.size:
-                        parent = _grown(parent)
+                        parent = grown(parent)
                     own = parent[count] = count
                 plane[y + 1, x + 1] = own
     return pieces

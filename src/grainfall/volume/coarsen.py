@@ -8,7 +8,9 @@ import skimage  # its parts load when they are first used
 from grainfall.errors import InputError
 
 
-def coarsen(pore: np.ndarray, voxel_size_um: float, factor: int) -> tuple[np.ndarray, float]:
+def coarsen(
+    pore: np.ndarray, voxel_size_um: float, factor: int, first_plane: int = 0
+) -> tuple[np.ndarray, float]:
     """Blocks of ``factor`` voxels along each axis become one voxel: what most of them are.
 
     Of even halves, which only an even factor knows, every other block becomes pore, so that the porosity
@@ -20,6 +22,8 @@ def coarsen(pore: np.ndarray, voxel_size_um: float, factor: int) -> tuple[np.nda
     voxel_size_um : float
     factor : int
         1 gives the volume as it is.
+    first_plane : int
+        Of a slab of a volume: its place there, in planes of the coarse volume.
 
     Returns
     -------
@@ -34,11 +38,23 @@ def coarsen(pore: np.ndarray, voxel_size_um: float, factor: int) -> tuple[np.nda
     pore = np.asarray(pore, bool)
     if factor == 1:
         return pore, voxel_size_um
-    if min(pore.shape) < factor:
-        shape = " x ".join(map(str, pore.shape))
-        raise InputError("network.coarsen", f"{factor} is more than a volume of {shape} has", "a smaller one")
+    coarse_shape(pore.shape, factor)
     whole = pore[tuple(slice(n - n % factor) for n in pore.shape)]
     twice = 2 * skimage.measure.block_reduce(whole, factor, np.sum)
     z, y, x = np.ogrid[tuple(map(slice, twice.shape))]
-    every_other = (z + y + x) % 2 == 0
+    every_other = (first_plane + z + y + x) % 2 == 0
     return (twice > factor**3) | ((twice == factor**3) & every_other), voxel_size_um * factor
+
+
+def coarse_shape(shape: tuple[int, int, int], factor: int) -> tuple[int, ...]:
+    """Shape that :func:`coarsen` leaves of a volume.
+
+    Raises
+    ------
+    InputError
+        When no whole block fits in.
+    """
+    if min(shape) < factor:
+        shown = " x ".join(map(str, shape))
+        raise InputError("network.coarsen", f"{factor} is more than a volume of {shown} has", "a smaller one")
+    return tuple(n // factor for n in shape)
