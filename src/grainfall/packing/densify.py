@@ -26,9 +26,9 @@ def match_density(
     Friction holds a bed open, so its coefficients are multiplied by a factor in [:data:`SLICK`, 1],
     ``lubrication``. The first pass has as little friction as that: it tells whether lubrication suffices. If
     so, the factor is bracketed by that pass and the loose packing and found by regula falsi; if not, the
-    slick bed is tapped, more often in each pass, as long as what the last one gained would do if each of those
-    left gained as much. The aim is a quarter of the tolerance above the target,
-    because contracting positions is a gentler correction than pulling grains apart.
+    slick bed is tapped, more often in each pass, as long as what the last one gained would do if each of
+    those left gained as much. The aim is a quarter of the tolerance above the target, because contracting
+    positions is a gentler correction than pulling grains apart.
 
     Parameters
     ----------
