@@ -15,8 +15,8 @@ with stage(snakemake) as progress, checkpoints(snakemake) as folder:
     if first_report["refinement"]["on"]:
         parameters = parameters.refined()
 
-    def pack_with(p_sphere, lubrication, taps):
-        progress.say(f"sphere probability {p_sphere:.4f}, friction times {lubrication:.3g}, {taps} taps")
+    def pack_with(p_sphere, lubrication):
+        progress.say(f"sphere probability {p_sphere:.4f}, friction times {lubrication:.3g}")
         return packing.pack(
             scene,
             sizes,
@@ -28,9 +28,14 @@ with stage(snakemake) as progress, checkpoints(snakemake) as folder:
             ),
             spheres=spheres,
             p_sphere=p_sphere,
-            taps=taps,
             progress=progress,
             checkpoints=folder,
+        )
+
+    def tapped(poured, lubrication, taps):
+        progress.say(f"{taps} taps")
+        return packing.tap(
+            poured, scene, library, parameters.lubricated(lubrication), taps, progress=progress
         )
 
     def porosity_of(bodies):
@@ -41,6 +46,7 @@ with stage(snakemake) as progress, checkpoints(snakemake) as folder:
     bodies, report = packing.pack_again(
         io.read_json(files.deficit),
         pack_with,
+        tapped,
         porosity_of,
         (io.read_table(files.first), first_report),
         densification=settings["effects"]["densification"],

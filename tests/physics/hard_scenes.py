@@ -327,7 +327,7 @@ def target(scene: dict, engine: str) -> tuple[dict, list[str]]:
     parameters = packing.Parameters.named(engine=engine)
     shown: list[tuple[dict, list[str]]] = []
 
-    def pack_with(p: float, lubrication: float = 1.0, taps: int = 0, spheres=None):
+    def pack_with(p: float, lubrication: float = 1.0, spheres=None):
         found = packing.pack(
             plan,
             sizes,
@@ -336,8 +336,12 @@ def target(scene: dict, engine: str) -> tuple[dict, list[str]]:
             np.random.default_rng(1),
             spheres=spheres,
             p_sphere=p,
-            taps=taps,
         )
+        shown.append(judged(*found))
+        return found
+
+    def tapped(still, lubrication: float, taps: int):
+        found = packing.tap(still, plan, library, parameters.lubricated(lubrication), taps)
         shown.append(judged(*found))
         return found
 
@@ -355,7 +359,8 @@ def target(scene: dict, engine: str) -> tuple[dict, list[str]]:
     )
     bodies, report = packing.pack_again(
         deficit,
-        lambda p, lubrication, taps: pack_with(p, lubrication, taps, spheres),
+        lambda p, lubrication: pack_with(p, lubrication, spheres),
+        tapped,
         porosity,
         first,
         passes=scene["passes"],

@@ -33,10 +33,18 @@ def library():
 
 @pytest.fixture(scope="module")
 def pack(library):
-    def pack_with(parameters, seed=0, taps=0):
-        return packing.pack(SCENE, SIZES, library, parameters, np.random.default_rng(seed), taps=taps)
+    def pack_with(parameters, seed=0):
+        return packing.pack(SCENE, SIZES, library, parameters, np.random.default_rng(seed))
 
     return pack_with
+
+
+@pytest.fixture(scope="module")
+def tapped(library):
+    def tap(still, lubrication, taps):
+        return packing.tap(still, SCENE, library, packing.Parameters().lubricated(lubrication), taps)
+
+    return tap
 
 
 @pytest.fixture(scope="module")
@@ -82,14 +90,15 @@ def deficit(first, target):
     }
 
 
-def test_lubrication_reaches_a_denser_target_and_misses_it_when_off(pack, plain, porosity):
+def test_lubrication_reaches_a_denser_target_and_misses_it_when_off(pack, tapped, plain, porosity):
     first = porosity(plain[0][0])
     plan = deficit(first, first - 0.03)
 
     def again(switch):
         return packing.pack_again(
             plan,
-            lambda p, lubrication, taps: pack(packing.Parameters().lubricated(lubrication), 0, taps),
+            lambda p, lubrication: pack(packing.Parameters().lubricated(lubrication)),
+            tapped,
             porosity,
             plain[0],
             densification=switch,
@@ -105,6 +114,6 @@ def test_lubrication_reaches_a_denser_target_and_misses_it_when_off(pack, plain,
     pd.testing.assert_frame_equal(bodies, plain[0][0])
 
 
-def test_taps_pack_denser_than_lubrication_alone(pack, porosity):
-    slick = packing.Parameters().lubricated(0.2)
-    assert porosity(pack(slick, 0, taps=4)[0]) < porosity(pack(slick, 0)[0])
+def test_taps_pack_denser_than_lubrication_alone(pack, tapped, porosity):
+    slick = pack(packing.Parameters().lubricated(0.2))
+    assert porosity(tapped(slick, 0.2, 4)[0]) < porosity(slick[0])

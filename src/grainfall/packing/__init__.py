@@ -41,6 +41,7 @@ __all__ = [
     "poured_grains",
     "settle",
     "sphere_probability",
+    "tap",
     "virtual_sizes",
 ]
 
@@ -51,7 +52,7 @@ def __getattr__(name: str):
         import grainfall.packing.deposition as late
     elif name in ("RESETTLED", "moved_share", "settle"):
         import grainfall.packing.rest as late
-    elif name in ("box_of", "pack", "pack_again", "pack_first", "parameters_of", "plan_deficit"):
+    elif name in ("box_of", "pack", "pack_again", "pack_first", "parameters_of", "plan_deficit", "tap"):
         import grainfall.packing.stages as late
     else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

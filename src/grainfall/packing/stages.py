@@ -59,7 +59,6 @@ def pack(
     *,
     spheres: VirtualSizes | None = None,
     p_sphere: float = 0.0,
-    taps: int = 0,
     progress: Callable[[str], None] | None = None,
     checkpoints: Path | None = None,
 ) -> Packing:
@@ -77,8 +76,6 @@ def pack(
         Sizes of virtual spheres poured among the grains.
     p_sphere : float
         Probability that the next body is one of them.
-    taps : int
-        Times that the settled bed is tapped.
     progress : callable, optional
         Called with a line of text as the bed grows.
     checkpoints : Path, optional
@@ -106,16 +103,43 @@ def pack(
     bodies = deposit(population, library, box, parameters, rng, progress, checkpoints)
     report = {**bodies.attrs.pop("report"), "p_sp": float(p_sphere)}
     report["forces"] = pd.DataFrame(bodies.attrs.pop("forces"))
-    if taps:
-        bodies, tapped = settle(bodies, library, box, parameters, taps=taps, progress=progress)
-        report |= {
-            "rest": {**report["rest"], **{k: tapped[k] for k in report["rest"] if k in tapped}},
-            "forces": tapped["forces"],
-            "asleep": int(bodies["asleep"].sum()),
-            "wall_s": report["wall_s"] + tapped["wall_s"],
-            **{k: tapped[k] for k in ("escaped", "max_overlap", "mean_overlap")},
-        }
     return bodies, report
+
+
+def tap(
+    packing: Packing,
+    scene: Mapping,
+    library: Library,
+    parameters: Parameters,
+    times: int,
+    *,
+    progress: Callable[[str], None] | None = None,
+) -> Packing:
+    """A packing of :func:`pack`, shaken so many times and come to rest again.
+
+    Parameters
+    ----------
+    packing : (bodies, report)
+        Left as it is.
+    scene, library, parameters, progress
+        Those it was packed with.
+    times : int
+
+    Returns
+    -------
+    bodies : DataFrame
+    report : dict
+        That of the packing with its new rest, forces and overlaps; ``wall_s`` of both.
+    """
+    bodies, report = packing
+    bodies, tapped = settle(bodies, library, box_of(scene), parameters, taps=times, progress=progress)
+    return bodies, {
+        **report,
+        "rest": {**report["rest"], **{k: tapped[k] for k in report["rest"] if k in tapped}},
+        "asleep": int(bodies["asleep"].sum()),
+        "wall_s": report["wall_s"] + tapped["wall_s"],
+        **{k: tapped[k] for k in ("forces", "escaped", "max_overlap", "mean_overlap")},
+    }
 
 
 def pack_first(pack_with: Callable[[Parameters], Packing], parameters: Parameters, switch: str) -> Packing:
@@ -249,8 +273,10 @@ def plan_deficit(
 class _Trials:
     """Packings tried on the way to the target; the best so far is kept, of the others what they came to."""
 
-    def __init__(self, pack_with, porosity_of, target: float, limit: float):
-        self.pack_with, self.porosity_of, self.target, self.limit = pack_with, porosity_of, target, limit
+    def __init__(self, pack_with, tapped, porosity_of, target: float, limit: float):
+        self.pack_with, self.tapped, self.porosity_of = pack_with, tapped, porosity_of
+        self.target, self.limit = target, limit
+        self.still: tuple[tuple[float, float], Packing] | None = None  # the last one poured, and what with
         self.passes: list[dict] = []
         self.packing: Packing | None = None
         self.porosity = np.inf
@@ -268,7 +294,11 @@ class _Trials:
 
     def __call__(self, p_sphere: float, lubrication: float = 1.0, taps: int = 0) -> float:
         """Pack, and give the porosity without the spheres."""
-        packing = self.pack_with(p_sphere, lubrication, taps)
+        known = self.still is not None and self.still[0] == (p_sphere, lubrication)
+        if not known:
+            self.still = (p_sphere, lubrication), self.pack_with(p_sphere, lubrication)
+        still = self.still[1]
+        packing = self.tapped(still, lubrication, taps) if taps else still
         bodies, report = packing
         porosity = float(self.porosity_of(bodies[bodies["kind"] == "grain"]))
         self.passes.append(
@@ -277,7 +307,7 @@ class _Trials:
                 "lubrication": float(lubrication),
                 "taps": int(taps),
                 "porosity": porosity,
-                "wall_s": report["wall_s"],
+                "wall_s": report["wall_s"] - (still[1]["wall_s"] if known else 0.0),
             }
         )
         self.keep(packing, porosity, p_sphere)
@@ -286,7 +316,8 @@ class _Trials:
 
 def pack_again(
     deficit: Mapping,
-    pack_with: Callable[[float, float, int], Packing],
+    pack_with: Callable[[float, float], Packing],
+    tapped: Callable[[Packing, float, int], Packing],
     porosity_of: Callable[[pd.DataFrame], float],
     first: Packing,
     *,
@@ -301,8 +332,10 @@ def pack_again(
     deficit : mapping
         As :func:`plan_deficit` gives it.
     pack_with : callable
-        (probability of a sphere, factor on friction, taps) to (bodies, report), with the same random numbers
-        each time.
+        (probability of a sphere, factor on friction) to (bodies, report), with the same random numbers each
+        time.
+    tapped : callable
+        (such a packing, factor on friction, taps) to the same, tapped.
     porosity_of : callable
         Grains alone to their porosity.
     first : (bodies, report)
@@ -323,7 +356,7 @@ def pack_again(
         reason.
     """
     target, spheres = deficit["porosity_target"], deficit["virtual_spheres"]
-    trials = _Trials(pack_with, porosity_of, target, limit)
+    trials = _Trials(pack_with, tapped, porosity_of, target, limit)
     missed = ""
     if spheres["on"]:
         p_sphere, loose = spheres["p_sp"], deficit["porosity_first"]
