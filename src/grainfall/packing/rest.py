@@ -65,8 +65,10 @@ def settle(
     bed = Bed.of(bodies, library, box, parameters)
     part(bed)
     before = bed.position.copy()
-    for _ in range(taps):
+    for i in range(taps):
         shake(bed)
+        if progress:
+            progress(f"tapped {i + 1} of {taps} times")
     report = relax(bed, windows=windows, rest=rest, every=every, progress=progress)
     moved = np.linalg.norm(bed.position - before, axis=1)
     table = bed.table(report.pop("asleep_each"))
