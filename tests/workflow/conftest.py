@@ -1,8 +1,6 @@
 """Real snakemake runs on a tiny scene: small enough for a test, with every stage in it."""
 
-import fcntl
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -48,21 +46,9 @@ def write_config(folder, config, name="config.yaml"):
 
 
 @pytest.fixture(scope="session")
-def finished(tmp_path_factory, worker_id):
-    """The folder of a finished tiny run on two cores: made once, and each worker has its own copy."""
-    own = tmp_path_factory.mktemp("tiny")
-    if worker_id == "master":
-        return run_tiny(own)
-    shared = tmp_path_factory.getbasetemp().parent / "tiny"
-    with shared.with_suffix(".lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)  # the second waits for the first
-        if not shared.with_suffix(".done").exists():
-            run_tiny(shared)
-            shared.with_suffix(".done").touch()
-    return Path(shutil.copytree(shared, own, dirs_exist_ok=True))
-
-
-def run_tiny(folder):
-    done = snakemake(write_config(folder, TINY))
+def finished(tmp_path_factory):
+    """The folder of a finished tiny run on two cores."""
+    folder = write_config(tmp_path_factory.mktemp("tiny"), TINY)
+    done = snakemake(folder)
     assert done.returncode == 0, done.stdout[-6000:]
     return folder
