@@ -132,7 +132,6 @@ if SLABS > 1:
             mem_mb=memory(6000),
             runtime=runtime(60),
         params:
-            settings=settings("network"),
             science=science("network", "volume"),
         script:
             "../../scripts/network_basins.py"
@@ -217,7 +216,6 @@ if SLABS > 1:
             mem_mb=memory(6000),
             runtime=runtime(60),
         params:
-            settings=settings("network"),
             science=science("network", "volume"),
         script:
             "../../scripts/network_parts.py"
@@ -260,7 +258,6 @@ if SLABS > 1:
             mem_mb=memory(4000),
             runtime=runtime(30),
         params:
-            settings=settings("network"),
             science=science("network", "volume"),
         script:
             "../../scripts/network_throats.py"
@@ -302,7 +299,6 @@ if SLABS > 1:
             mem_mb=memory(6000),
             runtime=runtime(60),
         params:
-            settings=settings("network"),
             science=science("network", "volume"),
         script:
             "../../scripts/network_measures.py"

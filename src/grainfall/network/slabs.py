@@ -5,8 +5,8 @@ common, which is no more than the planes where they touch and the graph of pores
 dictionaries of arrays; what is called a field holds voxels, what is called a graph does not.
 
 ========================= =================================================================================
-:func:`solid_columns`     first and last solid plane of every column
-:func:`squared_distances` squared distances, with the nearest solid plane of the other slabs
+``solid_columns``         first and last solid plane of every column
+``squared_distances``     squared distances, with the nearest solid plane of the other slabs
 :func:`grow_basins`       ways up from all voxels, to a maximum or out of the slab; saddles between them
 :func:`join_slabs`        where the ways that leave a slab end; basins joined by persistence: pores
 :func:`find_throat_parts` pores of all voxels; classes of edges, and what can be summed of throats and pores
@@ -15,7 +15,7 @@ dictionaries of arrays; what is called a field holds voxels, what is called a gr
 :func:`finish`            the network
 ========================= =================================================================================
 
-Why nothing depends on where the volume is cut:
+The first two are of :mod:`grainfall.network.distance`. Why nothing depends on where the volume is cut:
 
 - A voxel's way up depends on the planes up to three away, and so on no more than :data:`BEFORE` and
   :data:`BEHIND` planes of the other slabs.
@@ -41,7 +41,6 @@ import numpy as np
 from numba import njit
 
 from grainfall import volume
-from grainfall.network.distance import nearest_columns, solid_columns, squared_distances
 from grainfall.network.elements import Network, empty
 from grainfall.network.extraction import assemble
 from grainfall.network.geometry import (
@@ -579,36 +578,3 @@ def finish(known: Arrays, measured: Sequence[Arrays], voxel_size_um: float) -> N
 def _add_in_order(sums, owner, terms):
     for i in range(owner.size):
         sums[owner[i]] += terms[i]
-
-
-def extract_by_slabs(
-    pore: np.ndarray, voxel_size_um: float, slabs: Sequence[Slab], *, persistence: float = PERSISTENCE
-) -> Network:
-    """All the steps one after another: what :func:`grainfall.network.extract` gives by method persistence.
-
-    Parameters
-    ----------
-    pore : (nz, ny, nx) array of bool
-        True in the pore space.
-    voxel_size_um : float
-        Edge of a voxel.
-    slabs : sequence of Slab
-        All of the volume, in order, as of :func:`cut`.
-    persistence : float
-        As for :func:`grainfall.network.extract`.
-
-    Returns
-    -------
-    dict of str to ndarray
-    """
-    ends = [solid_columns(pore[s.start : s.stop], s.start) for s in slabs]
-    squared = [
-        squared_distances(pore[s.start : s.stop], s.start, *nearest_columns(ends[:i][::-1], ends[i + 1 :]))
-        for i, s in enumerate(slabs)
-    ]
-    grown = [grow_basins(window_of(s, zip(slabs, squared, strict=True)), s) for s in slabs]
-    joined = join_slabs([graph for _, graph in grown], persistence)
-    found = [find_throat_parts(field, join) for (field, _), join in zip(grown, joined, strict=True)]
-    asked, known = glue_slabs([graph for _, graph in found])
-    measured = [measure_slab(field, ask) for (field, _), ask in zip(found, asked, strict=True)]
-    return finish(known, measured, voxel_size_um)
