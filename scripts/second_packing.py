@@ -15,7 +15,7 @@ with stage(snakemake) as progress, checkpoints(snakemake) as folder:
     if first_report["refinement"]["on"]:
         parameters = parameters.refined()
 
-    def pack_with(p_sphere, lubrication):
+    def pour_with(p_sphere, lubrication):
         progress.say(f"sphere probability {p_sphere:.4f}, friction times {lubrication:.3g}")
         return packing.pack(
             scene,
@@ -28,13 +28,15 @@ with stage(snakemake) as progress, checkpoints(snakemake) as folder:
             ),
             spheres=spheres,
             p_sphere=p_sphere,
+            rest=False,
             progress=progress,
             checkpoints=folder,
         )
 
-    def tapped(poured, lubrication, taps):
-        progress.say(f"{taps} taps")
-        return packing.tap(
+    def rested(poured, lubrication, taps):
+        if taps:
+            progress.say(f"{taps} taps")
+        return packing.let_rest(
             poured, scene, library, parameters.lubricated(lubrication), taps, progress=progress
         )
 
@@ -45,8 +47,8 @@ with stage(snakemake) as progress, checkpoints(snakemake) as folder:
 
     bodies, report = packing.pack_again(
         io.read_json(files.deficit),
-        pack_with,
-        tapped,
+        pour_with,
+        rested,
         porosity_of,
         (io.read_table(files.first), first_report),
         densification=settings["effects"]["densification"],

@@ -33,18 +33,18 @@ def library():
 
 @pytest.fixture(scope="module")
 def pack(library):
-    def pack_with(parameters, seed=0):
-        return packing.pack(SCENE, SIZES, library, parameters, np.random.default_rng(seed))
+    def pack_with(parameters, seed=0, rest=True):
+        return packing.pack(SCENE, SIZES, library, parameters, np.random.default_rng(seed), rest=rest)
 
     return pack_with
 
 
 @pytest.fixture(scope="module")
-def tapped(library):
-    def tap(still, lubrication, taps):
-        return packing.tap(still, SCENE, library, packing.Parameters().lubricated(lubrication), taps)
+def rested(library):
+    def let_rest(poured, lubrication, taps):
+        return packing.let_rest(poured, SCENE, library, packing.Parameters().lubricated(lubrication), taps)
 
-    return tap
+    return let_rest
 
 
 @pytest.fixture(scope="module")
@@ -90,15 +90,15 @@ def deficit(first, target):
     }
 
 
-def test_lubrication_reaches_a_denser_target_and_misses_it_when_off(pack, tapped, plain, porosity):
+def test_lubrication_reaches_a_denser_target_and_misses_it_when_off(pack, rested, plain, porosity):
     first = porosity(plain[0][0])
     plan = deficit(first, first - 0.03)
 
     def again(switch):
         return packing.pack_again(
             plan,
-            lambda p, lubrication: pack(packing.Parameters().lubricated(lubrication)),
-            tapped,
+            lambda p, lubrication: pack(packing.Parameters().lubricated(lubrication), rest=False),
+            rested,
             porosity,
             plain[0],
             densification=switch,
@@ -114,6 +114,21 @@ def test_lubrication_reaches_a_denser_target_and_misses_it_when_off(pack, tapped
     pd.testing.assert_frame_equal(bodies, plain[0][0])
 
 
-def test_taps_pack_denser_than_lubrication_alone(pack, tapped, porosity):
-    slick = pack(packing.Parameters().lubricated(0.2))
-    assert porosity(tapped(slick, 0.2, 4)[0]) < porosity(slick[0])
+def test_taps_pack_denser_than_lubrication_alone(pack, rested, porosity):
+    poured = pack(packing.Parameters().lubricated(0.2), rest=False)
+    assert porosity(rested(poured, 0.2, 4)[0]) < porosity(rested(poured, 0.2, 0)[0])
+
+
+def test_a_packing_comes_to_rest_when_it_is_asked_to(pack, rested):
+    """Poured and brought to rest later it is the same as in one go, but for a rattler's way."""
+    at_once, whole = pack(packing.Parameters())
+    poured, report = pack(packing.Parameters(), rest=False)
+    assert report["rest"] == {}
+    assert not len(report["forces"])
+    later, parts = rested((poured, report), 1.0, 0)
+    assert parts.keys() == whole.keys()
+    assert parts["rest"].keys() == whole["rest"].keys()
+    assert parts["rest"]["at_rest"]
+    way = np.linalg.norm(later[["x", "y", "z"]] - at_once[["x", "y", "z"]], axis=1)
+    assert np.quantile(way, 0.9) < 0.01 * at_once["scale"].mean()
+    assert way.max() < at_once["scale"].mean()

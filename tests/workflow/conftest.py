@@ -1,6 +1,8 @@
 """Real snakemake runs on a tiny scene: small enough for a test, with every stage in it."""
 
+import fcntl
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -46,9 +48,16 @@ def write_config(folder, config, name="config.yaml"):
 
 
 @pytest.fixture(scope="session")
-def finished(tmp_path_factory):
-    """The folder of a finished tiny run on two cores."""
-    folder = write_config(tmp_path_factory.mktemp("tiny"), TINY)
-    done = snakemake(folder)
-    assert done.returncode == 0, done.stdout[-6000:]
-    return folder
+def finished(tmp_path_factory, request):
+    """The folder of a finished tiny run on two cores; of several workers one runs it and each has a copy."""
+    mine = tmp_path_factory.mktemp("tiny") / "run"
+    ours = tmp_path_factory.getbasetemp()
+    ours = ours.parent if hasattr(request.config, "workerinput") else ours
+    with (ours / "finished.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (ours / "finished").exists():
+            folder = write_config(ours / f"finishing-{os.getpid()}", TINY)
+            done = snakemake(folder)
+            assert done.returncode == 0, done.stdout[-6000:]
+            folder.rename(ours / "finished")
+    return shutil.copytree(ours / "finished", mine)

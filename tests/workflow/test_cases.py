@@ -15,7 +15,7 @@ from conftest import TINY, planned, snakemake, write_config
 from grainfall.io import read_volume
 from grainfall.report.validation import COLUMNS
 
-pytestmark = pytest.mark.xdist_group("workflow")
+pytestmark = pytest.mark.xdist_group("cases")
 
 
 @pytest.fixture(scope="module")

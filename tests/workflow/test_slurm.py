@@ -20,7 +20,7 @@ from outputs import outputs
 
 from conftest import ROOT
 
-pytestmark = pytest.mark.xdist_group("workflow")
+pytestmark = pytest.mark.xdist_group("slurm")
 
 DAEMONS = ("munged", "slurmctld", "slurmd")
 CONFIG = """

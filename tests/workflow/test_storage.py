@@ -8,7 +8,7 @@ from moto.server import ThreadedMotoServer
 
 from conftest import TINY, snakemake, write_config
 
-pytestmark = pytest.mark.xdist_group("workflow")
+pytestmark = pytest.mark.xdist_group("storage")
 
 TARGET = "results/tiny/full/scene.json"
 BEHIND = ("results/tiny/section.zarr.zip", "results/tiny/labels.zarr.zip", "results/tiny/sizes.csv")

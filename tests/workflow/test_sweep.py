@@ -9,7 +9,7 @@ from conftest import TINY, planned, snakemake, write_config
 from grainfall.accuracy import COLUMNS
 from grainfall.io import read_json
 
-pytestmark = pytest.mark.xdist_group("workflow")
+pytestmark = pytest.mark.xdist_group("sweep")
 
 SWEEP = {
     "packing": {"base": ["full"]},

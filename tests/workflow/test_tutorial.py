@@ -13,7 +13,7 @@ from conftest import ROOT
 from grainfall import io
 from grainfall.export import FORMATS
 
-pytestmark = pytest.mark.xdist_group("workflow")
+pytestmark = pytest.mark.xdist_group("tutorial")
 
 BLOCK = re.compile(r"^```(console|python)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 

@@ -17,8 +17,6 @@ from grainfall import provenance
 from grainfall.export import FORMATS
 from grainfall.report import SUMMARY_COLUMNS
 
-pytestmark = pytest.mark.xdist_group("workflow")
-
 AFTER_PACKING = {
     "packed_volume",
     "deficit",
@@ -250,12 +248,7 @@ def test_any_number_of_slabs_gives_the_same_bytes(finished, tmp_path):
         *(f"results/tiny/reference_network_{name}.csv" for name in ("pores", "throats")),
     ]
     found = {}
-    for slabs, cement, wanted in (
-        (1, "auto", made),
-        (2, "auto", made),
-        (1, "on", made[:2]),
-        (4, "on", made[:2]),
-    ):
+    for slabs, cement, wanted in ((2, "auto", made), (1, "on", made[:2]), (4, "on", made[:2])):
         folder = shutil.copytree(finished, tmp_path / f"{slabs} {cement}")
         for path in wanted:
             (folder / path).unlink()
@@ -265,10 +258,21 @@ def test_any_number_of_slabs_gives_the_same_bytes(finished, tmp_path):
         assert ("twin_slab" in done.stdout) == (slabs > 1)
         assert ("network_slab" in done.stdout) == (slabs > 1 and wanted == made)
         assert not [*(folder / "results").rglob("slabs/*"), *(folder / "results").rglob("*-of-*.npz")]
-        found[slabs, cement] = [(folder / path).read_bytes() for path in wanted]
-    assert found[2, "auto"] == found[1, "auto"]
-    assert found[4, "on"] == found[1, "on"]
-    assert found[1, "on"][0] != found[1, "auto"][0]
+        found[slabs, cement] = folder
+    for path in made:
+        here, there = (content(folder / path) for folder in (finished, found[2, "auto"]))
+        assert here == there, path
+    once, again = ([(found[n, "on"] / path).read_bytes() for path in made[:2]] for n in (1, 4))
+    assert once == again
+    assert once[0] != (found[2, "auto"] / made[0]).read_bytes()
+
+
+def content(path):
+    """Bytes of a table; of a volume those of its arrays, whatever chunks they lie in."""
+    if path.suffix == ".csv":
+        return path.read_bytes()
+    group = zarr.open_group(zarr.storage.ZipStore(path, mode="r"), mode="r")
+    return {name: array[...].tobytes() for name, array in group.arrays()}
 
 
 def test_one_core_and_other_chunks_give_the_same_bytes(finished, tmp_path):

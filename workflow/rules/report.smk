@@ -201,7 +201,8 @@ rule provenance:
         mem_mb=1000,
         runtime=5,
     params:
-        files=list(map(str, workflow.configfiles)),
+        # relative, or results that are moved would be out of date
+        files=list(map(os.path.relpath, workflow.configfiles)),
         overrides=dict(workflow.config_settings.config or {}),
         config=CONFIG,
         samples=SAMPLES,

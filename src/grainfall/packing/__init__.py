@@ -27,6 +27,7 @@ __all__ = [
     "draw_population",
     "draw_zones",
     "effects_plan",
+    "let_rest",
     "match_density",
     "match_porosity",
     "moved_share",
@@ -41,7 +42,6 @@ __all__ = [
     "poured_grains",
     "settle",
     "sphere_probability",
-    "tap",
     "virtual_sizes",
 ]
 
@@ -52,7 +52,7 @@ def __getattr__(name: str):
         import grainfall.packing.deposition as late
     elif name in ("RESETTLED", "moved_share", "settle"):
         import grainfall.packing.rest as late
-    elif name in ("box_of", "pack", "pack_again", "pack_first", "parameters_of", "plan_deficit", "tap"):
+    elif name in ("box_of", "let_rest", "pack", "pack_again", "pack_first", "parameters_of", "plan_deficit"):
         import grainfall.packing.stages as late
     else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

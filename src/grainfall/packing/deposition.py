@@ -137,6 +137,8 @@ def deposit(
     rng: np.random.Generator,
     progress: Callable[[str], None] | None = None,
     checkpoints: Path | None = None,
+    *,
+    rest: bool = True,
 ) -> pd.DataFrame:
     """Pour grains into the box and let them settle.
 
@@ -166,20 +168,23 @@ def deposit(
     checkpoints : Path, optional
         Folder for the state at each checkpoint, under a name that depends on all the arguments: a packing
         that is found there is resumed. Remove it when the result is safe.
+    rest : bool
+        Whether the bodies are set free at the end. :func:`grainfall.packing.rest.settle` does it later.
 
     Returns
     -------
     DataFrame
         Columns of bodies.csv; lengths in um from the ROI's corner; every body poured, inside the ROI or not.
         ``attrs["report"]`` is the deposition's :class:`Report` as a dict; ``attrs["forces"]`` the normal
-        forces between bodies at rest, as lists a, b (ids) and force_n.
+        forces between bodies at rest, as lists a, b (ids) and force_n. Without ``rest`` the report says
+        nothing of rest and overlaps, and there are no forces.
 
     Raises
     ------
     InputError
         When the population is empty or has a grain that does not fit the box.
     """
-    return _Deposition(population, library, box, parameters, rng, progress, checkpoints).run()
+    return _Deposition(population, library, box, parameters, rng, progress, checkpoints).run(rest)
 
 
 LOOK = 10
@@ -240,7 +245,7 @@ class _Deposition:
         if checkpoints is not None:
             self.file = Path(checkpoints) / f"{self._fingerprint(population, shapes)}.npz"
 
-    def run(self) -> pd.DataFrame:
+    def run(self, rest: bool) -> pd.DataFrame:
         bed = self.bed
         if self.file is not None and self.file.exists():
             try:
@@ -284,12 +289,15 @@ class _Deposition:
             supply=len(self.kind),
             notes=self.notes,
         )
-        before = bed.position.copy()
-        report.rest = relax(bed, progress=self.progress)
-        report.settled = float(np.linalg.norm(bed.position - before, axis=1).mean())
-        asleep, forces = report.rest.pop("asleep_each"), report.rest.pop("forces")
+        asleep, forces = bed.fixed.copy(), pd.DataFrame({"a": [], "b": [], "force_n": []})
+        if rest:
+            before = bed.position.copy()
+            report.rest = relax(bed, progress=self.progress)
+            report.settled = float(np.linalg.norm(bed.position - before, axis=1).mean())
+            asleep, forces = report.rest.pop("asleep_each"), report.rest.pop("forces")
+            report.max_overlap, report.mean_overlap = bed.overlaps()
+        bed.close()
         report.asleep = int(asleep.sum())
-        report.max_overlap, report.mean_overlap = bed.overlaps()
         bodies = bed.table(asleep)
         self._describe(report, bodies)
         bodies.attrs |= {"report": asdict(report), "forces": forces.to_dict("list")}

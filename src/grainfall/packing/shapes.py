@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -242,12 +243,22 @@ def collision_shapes(
     library: Library, ids: Iterable[int], parameters: Parameters
 ) -> dict[int, CollisionShape]:
     """Collision shapes of the library entries ``ids`` (-1: sphere)."""
-    return {
-        int(i): unit_sphere()
-        if i == SPHERE
-        else collision_shape(library.vertices[i], library.faces[i], parameters, library.pieces[i])
-        for i in ids
-    }
+    return {int(i): unit_sphere() if i == SPHERE else _shape(library, i, parameters) for i in ids}
+
+
+_KNOWN: dict[tuple, CollisionShape] = {}
+
+
+def _shape(library: Library, i: int, p: Parameters) -> CollisionShape:
+    """As :func:`collision_shape`, found once a process: every pass of a packing asks for the same ones."""
+    mesh = library.vertices[i], library.faces[i], library.pieces[i]
+    digest = hashlib.blake2b(digest_size=16)
+    for part in (mesh[0], mesh[1], *mesh[2]):
+        digest.update(np.ascontiguousarray(part).tobytes())
+    key = digest.digest(), p.hull_vertices, p.decomposition, p.hull_excess, p.collision_shape
+    if key not in _KNOWN:
+        _KNOWN[key] = collision_shape(mesh[0], mesh[1], p, mesh[2])
+    return _KNOWN[key]
 
 
 def _deviation(parts: tuple[np.ndarray, ...], points: np.ndarray) -> float:

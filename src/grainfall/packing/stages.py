@@ -28,6 +28,18 @@ from grainfall.stereology import SizeDistribution
 WIDEST_SPHERE = 0.25
 """Largest virtual-sphere radius over the edge of the region: a wider one would be the region, not in it."""
 
+RESTED = (
+    "steps",
+    "at_rest",
+    "drift_mean",
+    "drift_p99",
+    "drift_max",
+    "net_force",
+    "net_force_contacts",
+    "energy_rise",
+)
+"""What a packing's report says of its rest, of what :func:`grainfall.packing.rest.relax` finds."""
+
 MOST_OVERLAP = 0.02
 """Overlap, of the smaller radius, above which the solver is too coarse for the scene."""
 
@@ -59,6 +71,7 @@ def pack(
     *,
     spheres: VirtualSizes | None = None,
     p_sphere: float = 0.0,
+    rest: bool = True,
     progress: Callable[[str], None] | None = None,
     checkpoints: Path | None = None,
 ) -> Packing:
@@ -76,6 +89,8 @@ def pack(
         Sizes of virtual spheres poured among the grains.
     p_sphere : float
         Probability that the next body is one of them.
+    rest : bool
+        Whether they are set free at the end until they rest; :func:`let_rest` does it later.
     progress : callable, optional
         Called with a line of text as the bed grows.
     checkpoints : Path, optional
@@ -100,22 +115,22 @@ def pack(
     share = scene["edge_um"] ** 2 / np.prod(box.sides_um)
     population = draw_zones(mixture, library, box.solid_um3(), share, rng)
 
-    bodies = deposit(population, library, box, parameters, rng, progress, checkpoints)
+    bodies = deposit(population, library, box, parameters, rng, progress, checkpoints, rest=rest)
     report = {**bodies.attrs.pop("report"), "p_sp": float(p_sphere)}
     report["forces"] = pd.DataFrame(bodies.attrs.pop("forces"))
     return bodies, report
 
 
-def tap(
+def let_rest(
     packing: Packing,
     scene: Mapping,
     library: Library,
     parameters: Parameters,
-    times: int,
+    taps: int = 0,
     *,
     progress: Callable[[str], None] | None = None,
 ) -> Packing:
-    """A packing of :func:`pack`, shaken so many times and come to rest again.
+    """A packing of :func:`pack`, tapped so many times and set free until it rests.
 
     Parameters
     ----------
@@ -123,22 +138,23 @@ def tap(
         Left as it is.
     scene, library, parameters, progress
         Those it was packed with.
-    times : int
+    taps : int
 
     Returns
     -------
     bodies : DataFrame
     report : dict
-        That of the packing with its new rest, forces and overlaps; ``wall_s`` of both.
+        That of the packing with its rest, forces and overlaps; ``wall_s`` of both.
     """
     bodies, report = packing
-    bodies, tapped = settle(bodies, library, box_of(scene), parameters, taps=times, progress=progress)
+    bodies, found = settle(bodies, library, box_of(scene), parameters, taps=taps, progress=progress)
     return bodies, {
         **report,
-        "rest": {**report["rest"], **{k: tapped[k] for k in report["rest"] if k in tapped}},
+        "rest": {k: found[k] for k in RESTED},
+        "settled": found["moved_mean"],
         "asleep": int(bodies["asleep"].sum()),
-        "wall_s": report["wall_s"] + tapped["wall_s"],
-        **{k: tapped[k] for k in ("forces", "escaped", "max_overlap", "mean_overlap")},
+        "wall_s": report["wall_s"] + found["wall_s"],
+        **{k: found[k] for k in ("forces", "escaped", "max_overlap", "mean_overlap")},
     }
 
 
@@ -271,53 +287,76 @@ def plan_deficit(
 
 
 class _Trials:
-    """Packings tried on the way to the target; the best so far is kept, of the others what they came to."""
+    """Packings tried on the way to the target; the best so far is kept, of the others what they came to.
 
-    def __init__(self, pack_with, tapped, porosity_of, target: float, limit: float):
-        self.pack_with, self.tapped, self.porosity_of = pack_with, tapped, porosity_of
+    A pour that misses is not brought to rest: that takes as long again, and moves the porosity by a tenth of
+    what it may miss by.
+    """
+
+    def __init__(self, pour_with, rested, porosity_of, target: float, limit: float):
+        self.pour_with, self.rested, self.porosity_of = pour_with, rested, porosity_of
         self.target, self.limit = target, limit
-        self.still: tuple[tuple[float, float], Packing] | None = None  # the last one poured, and what with
+        self.poured: tuple[tuple[float, float], Packing] | None = None  # the last one, and what with
         self.passes: list[dict] = []
         self.packing: Packing | None = None
         self.porosity = np.inf
-        self.p_sphere = 0.0
+        self.kept = (0.0, 1.0)  # what the best one was poured with
+        self.at_rest = True
+        self.words = ""
 
-    def keep(self, packing: Packing, porosity: float, p_sphere: float) -> None:
+    def keep(self, packing: Packing, porosity: float, at_rest: bool, made_with: tuple[float, float]) -> None:
         """Keep the packing if it is nearer to the target."""
         if self.packing is None or self._miss(porosity) < self._miss(self.porosity):
-            self.packing, self.porosity, self.p_sphere = packing, porosity, p_sphere
+            self.packing, self.porosity, self.at_rest, self.kept = packing, porosity, at_rest, made_with
 
     def _miss(self, porosity: float) -> tuple[int, float]:
         # Cement fills a bed that is too loose, nothing opens one that is too dense.
         gap = porosity - self.target
         return (0 if abs(gap) <= self.limit else 1 if gap > 0 else 2), abs(gap)
 
+    def _porosity(self, packing: Packing) -> float:
+        return float(self.porosity_of(packing[0][packing[0]["kind"] == "grain"]))
+
     def __call__(self, p_sphere: float, lubrication: float = 1.0, taps: int = 0) -> float:
         """Pack, and give the porosity without the spheres."""
-        known = self.still is not None and self.still[0] == (p_sphere, lubrication)
+        made_with = p_sphere, lubrication
+        known = self.poured is not None and self.poured[0] == made_with
         if not known:
-            self.still = (p_sphere, lubrication), self.pack_with(p_sphere, lubrication)
-        still = self.still[1]
-        packing = self.tapped(still, lubrication, taps) if taps else still
-        bodies, report = packing
-        porosity = float(self.porosity_of(bodies[bodies["kind"] == "grain"]))
+            self.poured = made_with, self.pour_with(*made_with)
+        poured = packing = self.poured[1]
+        at_rest = taps > 0
+        if at_rest:
+            packing = self.rested(poured, lubrication, taps)
+        porosity = self._porosity(packing)
+        if not at_rest and abs(porosity - self.target) <= self.limit:
+            packing, at_rest = self.rested(poured, lubrication, 0), True
+            porosity = self._porosity(packing)
         self.passes.append(
             {
                 "p_sphere": float(p_sphere),
                 "lubrication": float(lubrication),
                 "taps": int(taps),
                 "porosity": porosity,
-                "wall_s": report["wall_s"] - (still[1]["wall_s"] if known else 0.0),
+                "at_rest": at_rest,
+                "wall_s": packing[1]["wall_s"] - (poured[1]["wall_s"] if known else 0.0),
             }
         )
-        self.keep(packing, porosity, p_sphere)
+        self.keep(packing, porosity, at_rest, made_with)
         return porosity
+
+    def best(self) -> Packing:
+        """The packing kept, at rest."""
+        if not self.at_rest:
+            self.packing, self.at_rest = self.rested(self.packing, self.kept[1], 0), True
+            self.porosity = self._porosity(self.packing)
+            self.words = f", at rest {self.porosity:.4f}"
+        return self.packing
 
 
 def pack_again(
     deficit: Mapping,
-    pack_with: Callable[[float, float], Packing],
-    tapped: Callable[[Packing, float, int], Packing],
+    pour_with: Callable[[float, float], Packing],
+    rested: Callable[[Packing, float, int], Packing],
     porosity_of: Callable[[pd.DataFrame], float],
     first: Packing,
     *,
@@ -331,11 +370,11 @@ def pack_again(
     ----------
     deficit : mapping
         As :func:`plan_deficit` gives it.
-    pack_with : callable
-        (probability of a sphere, factor on friction) to (bodies, report), with the same random numbers each
-        time.
-    tapped : callable
-        (such a packing, factor on friction, taps) to the same, tapped.
+    pour_with : callable
+        (probability of a sphere, factor on friction) to (bodies, report) as poured, with the same random
+        numbers each time.
+    rested : callable
+        (such a packing, factor on friction, taps) to the same, tapped so many times and come to rest.
     porosity_of : callable
         Grains alone to their porosity.
     first : (bodies, report)
@@ -351,12 +390,12 @@ def pack_again(
     -------
     bodies : DataFrame
     report : dict
-        That of the packing kept, with ``passes`` (p_sphere, lubrication, taps, porosity, wall_s of each),
-        ``porosity``, ``reached``, ``reason`` (why not), and ``densification``: on, forced, called_for,
-        reason.
+        That of the packing kept, with ``passes`` (p_sphere, lubrication, taps, porosity, at_rest, wall_s of
+        each; one that misses as poured is not brought to rest), ``porosity``, ``reached``, ``reason`` (why
+        not), and ``densification``: on, forced, called_for, reason.
     """
     target, spheres = deficit["porosity_target"], deficit["virtual_spheres"]
-    trials = _Trials(pack_with, tapped, porosity_of, target, limit)
+    trials = _Trials(pour_with, rested, porosity_of, target, limit)
     missed = ""
     if spheres["on"]:
         p_sphere, loose = spheres["p_sp"], deficit["porosity_first"]
@@ -367,10 +406,10 @@ def pack_again(
             missed = match_porosity(
                 trials, float, target, guess, deficit["porosity_first"], limit, passes
             ).reason
-            p_sphere, loose = trials.p_sphere, trials.porosity
+            p_sphere, loose = trials.kept[0], trials.porosity
     else:
         p_sphere, loose = 0.0, deficit["porosity_first"]
-        trials.keep(first, loose, 0.0)
+        trials.keep(first, loose, at_rest=True, made_with=(0.0, 1.0))
     # Spheres that were to open the bed and opened it too far are a missed feedback, not a bed too loose.
     too_loose = loose - target if spheres["for_tail"] or not spheres["on"] else 0.0
     what = "with its virtual spheres" if spheres["on"] else "of grains alone"
@@ -387,13 +426,13 @@ def pack_again(
             lambda lubrication, taps: trials(p_sphere, lubrication, taps), loose, target, limit, passes
         )
         dense["reason"] += f"; {missed}" if missed else ""
-    bodies, report = trials.packing
+    bodies, report = trials.best()
     reached = abs(trials.porosity - target) <= limit
     return bodies, {
         **report,
         "passes": trials.passes,
         "porosity": trials.porosity,
         "reached": reached,
-        "reason": "" if reached else missed or dense["reason"],
+        "reason": "" if reached else (missed or dense["reason"]) + trials.words,
         "densification": dense,
     }
