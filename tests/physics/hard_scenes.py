@@ -237,8 +237,8 @@ def supply(scene: dict, shapes: int, rng: np.random.Generator, n: int = 2000) ->
         drawn = stereology.draw_radii(stereology.unfold(sections, bootstrap=20, rng=rng), n, rng)
     elif isinstance(radii, dict):
         sizes, share = np.array(list(radii)), np.array(list(radii.values()), float)
-        # by quota, so that the rare size is there whatever the seed
-        drawn = np.resize(np.repeat(sizes, share.astype(int))[::-1], n).astype(float)
+        # by quota and in the order given, so that the rare size is there whatever the seed, and on top
+        drawn = np.resize(np.repeat(sizes, share.astype(int)), n).astype(float)
     else:
         drawn = np.geomspace(*radii, n)[rng.permutation(n)]
     table = pd.DataFrame(

@@ -223,6 +223,19 @@ def test_supply_that_runs_out_is_poured_again(library):
     assert bodies.attrs["report"]["surface_um"] >= bodies.attrs["report"]["surface_needed_um"]
 
 
+@pytest.mark.parametrize("engine", ENGINES)
+def test_grains_that_fall_far_are_waited_for(engine, library):
+    """A fall of 800 radii takes longer than the steps after which a bed that makes no progress is given up."""
+    box = container(220.0, 100.0, 0.0)
+    far = Parameters.named(engine=engine, drop_height=800.0)
+    assert (2 * far.drop_height / far.gravity) ** 0.5 / far.dt > far.max_idle_steps
+    bodies = deposit(supply(20, 8), library, box, far, np.random.default_rng(1))
+    report = bodies.attrs["report"]
+    assert report["notes"] == []
+    assert report["surface_um"] >= report["surface_needed_um"]
+    assert bodies["asleep"].all()
+
+
 def test_reduced_hull_keeps_volume_and_centroid():
     points = trimesh.creation.icosphere(3).vertices * [1.0, 0.7, 1.3] + [3, -1, 2]
     full = trimesh.convex.convex_hull(points)
