@@ -225,7 +225,7 @@ def test_supply_that_runs_out_is_poured_again(library):
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_grains_that_fall_far_are_waited_for(engine, library):
-    """A fall of 800 radii takes longer than the steps after which a bed that makes no progress is given up."""
+    """A fall of 800 radii takes longer than the steps after which a bed without progress is given up."""
     box = container(220.0, 100.0, 0.0)
     far = Parameters.named(engine=engine, drop_height=800.0)
     assert (2 * far.drop_height / far.gravity) ** 0.5 / far.dt > far.max_idle_steps
