@@ -274,8 +274,8 @@ class _Deposition:
                 )
             if self.idle >= self.parameters.max_idle_steps:
                 self.notes.append(
-                    f"ended with {int((~bed.fixed).sum())} bodies still moving: in {self.idle} steps none came "
-                    "to rest or lost energy"
+                    f"ended with {int((~bed.fixed).sum())} bodies still moving: in {self.idle} steps none "
+                    "came to rest or lost energy"
                 )
                 break
             if self.steps - saved >= self.parameters.checkpoint_steps:
