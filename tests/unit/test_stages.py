@@ -285,6 +285,20 @@ def test_only_a_pour_that_meets_the_target_is_brought_to_rest():
     assert report["reason"].endswith(f", at rest {report['porosity']:.4f}")
 
 
+def test_of_passes_that_miss_the_nearest_is_kept():
+    """Too loose by spheres is no better than too dense: cement does not fill their pores."""
+
+    class Scattered(Bed):
+        def porosity(self, grains):
+            return [0.43, 0.385, 0.42][len(self.poured) - 1] - 0.001 * (self.of(grains)[2] is not None)
+
+    bed = Scattered(0.35)
+    bodies, report = bed.second(deficit(0.35)[1], passes=2)
+    assert bed.of(bodies)[:2] == bed.poured[1]
+    assert report["reason"] == "target 0.400 not met in 2 passes, nearest 0.385, at rest 0.3840"
+    assert report["porosity"] == 0.384
+
+
 @pytest.mark.parametrize("first", [0.42, 0.44, 0.47])
 def test_lubrication_meets_a_target_below_the_first_packing(first):
     bed = Bed(first)

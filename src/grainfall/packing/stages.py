@@ -293,9 +293,9 @@ class _Trials:
     what it may miss by.
     """
 
-    def __init__(self, pour_with, rested, porosity_of, target: float, limit: float):
+    def __init__(self, pour_with, rested, porosity_of, target: float, limit: float, fillable: bool):
         self.pour_with, self.rested, self.porosity_of = pour_with, rested, porosity_of
-        self.target, self.limit = target, limit
+        self.target, self.limit, self.fillable = target, limit, fillable
         self.poured: tuple[tuple[float, float], Packing] | None = None  # the last one, and what with
         self.passes: list[dict] = []
         self.packing: Packing | None = None
@@ -310,9 +310,10 @@ class _Trials:
             self.packing, self.porosity, self.at_rest, self.kept = packing, porosity, at_rest, made_with
 
     def _miss(self, porosity: float) -> tuple[int, float]:
-        # Cement fills a bed that is too loose, nothing opens one that is too dense.
+        # Cement fills a bed whose grains are too loose, nothing opens one that is too dense.
         gap = porosity - self.target
-        return (0 if abs(gap) <= self.limit else 1 if gap > 0 else 2), abs(gap)
+        too_dense = self.fillable and gap < -self.limit
+        return (0 if abs(gap) <= self.limit else 2 if too_dense else 1), abs(gap)
 
     def _porosity(self, packing: Packing) -> float:
         return float(self.porosity_of(packing[0][packing[0]["kind"] == "grain"]))
@@ -362,7 +363,7 @@ def pack_again(
     *,
     densification: str = "auto",
     limit: float = 0.01,
-    passes: int = 4,
+    passes: int = 8,
 ) -> Packing:
     """The second packing: virtual spheres, then densification, until the grains' porosity is the target's.
 
@@ -395,7 +396,9 @@ def pack_again(
         not), and ``densification``: on, forced, called_for, reason.
     """
     target, spheres = deficit["porosity_target"], deficit["virtual_spheres"]
-    trials = _Trials(pour_with, rested, porosity_of, target, limit)
+    # Spheres that were to open the bed and opened it too far are a missed feedback, not a bed too loose.
+    fillable = spheres["for_tail"] or not spheres["on"]
+    trials = _Trials(pour_with, rested, porosity_of, target, limit, fillable)
     missed = ""
     if spheres["on"]:
         p_sphere, loose = spheres["p_sp"], deficit["porosity_first"]
@@ -410,8 +413,7 @@ def pack_again(
     else:
         p_sphere, loose = 0.0, deficit["porosity_first"]
         trials.keep(first, loose, at_rest=True, made_with=(0.0, 1.0))
-    # Spheres that were to open the bed and opened it too far are a missed feedback, not a bed too loose.
-    too_loose = loose - target if spheres["for_tail"] or not spheres["on"] else 0.0
+    too_loose = loose - target if fillable else 0.0
     what = "with its virtual spheres" if spheres["on"] else "of grains alone"
     dense = decide(
         densification,
