@@ -153,14 +153,15 @@ def relax(
     rest : float
         Mean way of a body in a window, mean grain radii, below which the bed rests.
     every : bool
-        Whether each single body must be asleep as well. A few that roll on cost most of the steps.
+        Whether each single body must be asleep in the end: of thousands set free together, some few always
+        roll on. They come to rest among the others as those are, which costs most of the steps.
     progress : callable, optional
         Called with a line of text.
 
     Returns
     -------
     dict
-        steps; at_rest; drift_mean, drift_p99 and drift_max (way of a body in the last window, mean grain
+        steps; at_rest; drift_mean, drift_p99 and drift_max (way of a body in the last window of all, mean grain
         radii); net_force (mean net force on a body over its weight: its momentum gained in the last window);
         net_force_contacts (the same from the engine's contact forces where those are complete, else None);
         energy_rise (largest rise of total mechanical energy above its lowest so far, over the total);
@@ -208,8 +209,7 @@ def relax(
         spent += 1
         gained = np.linalg.norm(bed.velocity - velocity, axis=1) / (WINDOW * fine.dt)
         awake = ~asleep(way)
-        rests = way.mean() < rest and not (every and awake.any())
-        ended = judged and (rests or spent >= windows)
+        ended = judged and (way.mean() < rest or spent >= windows)
         ended = ended and (spent >= PATIENCE * windows or not _overlooked(bed))
         quiet = way[~awake].sum() < rest * len(bed)
         while every and awake.any() and spent < PATIENCE * windows:
@@ -223,7 +223,7 @@ def relax(
     lowest = np.minimum.accumulate(energy)
     report = {
         "steps": steps,
-        "at_rest": bool(rests),
+        "at_rest": bool(way.mean() < rest and not (every and awake.any())),
         "drift_mean": float(way.mean()),
         "drift_p99": float(np.quantile(way, 0.99)),
         "drift_max": float(way.max()),
