@@ -8,15 +8,7 @@ from hypothesis import strategies as st
 
 SCENES = hard_scenes.scenes("reduced")
 RUNS = [
-    pytest.param(
-        scene,
-        engine,
-        id=f"{scene['scene']}-{engine}",
-        # Bullet's own takes a minute and a half to miss
-        marks=[pytest.mark.xfail(strict=True, run=engine != "bullet", reason=scene["falls_short"][engine])]
-        if engine in scene.get("falls_short", {})
-        else [],
-    )
+    pytest.param(scene, engine, id=f"{scene['scene']}-{engine}")
     for scene in SCENES
     for engine in hard_scenes.engines(scene)
 ]
