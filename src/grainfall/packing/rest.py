@@ -162,7 +162,7 @@ def relax(
     -------
     dict
         steps; at_rest; drift_mean, drift_p99 and drift_max (way of a body in the last window of all, mean
-        grain radii); net_force (mean net force on a body over its weight: its momentum gained in that window);
+        grain radii); net_force (mean net force on a body over its weight: momentum gained in that window);
         net_force_contacts (the same from the engine's contact forces where those are complete, else None);
         energy_rise (largest rise of total mechanical energy above its lowest so far, over the total);
         asleep_each (bool, per body, in the last window in which it was free); forces (DataFrame: a, b,
