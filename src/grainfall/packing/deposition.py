@@ -196,8 +196,8 @@ RELEASE_FRACTION = 0.12
 TRIES, TRIES_AT_ONCE = 200, 20
 """Random places tried for one grain before it waits for the next batch."""
 
-FALLEN = 0.05
-"""Share of the moving bodies' energy whose loss counts as progress of the pouring."""
+BOUNCY = 0.8
+"""Coefficient of restitution up to which grains are waited for until they have bounced out."""
 
 FALLING = 1.0
 """Speed, engine units / s, above which a body still falls: that of a fall over a twentieth of a radius."""
@@ -239,7 +239,6 @@ class _Deposition:
         self.speed = np.empty(0)
         self.still = np.empty(0, int)  # consecutive steps at rest
         self.steps = self.idle = self.activity = 0
-        self.energy = np.inf  # of the moving bodies, when it had last fallen by a share of FALLEN
         self.poured = False
         self.notes: list[str] = []
         if parameters.dt < self.given.dt:
@@ -274,8 +273,8 @@ class _Deposition:
                 )
             if self.idle >= self.parameters.max_idle_steps:
                 self.notes.append(
-                    f"ended with {int((~bed.fixed).sum())} bodies still moving: in {self.idle} steps none "
-                    "came to rest or lost energy"
+                    f"ended with {int((~bed.fixed).sum())} bodies still moving: none came to rest in "
+                    f"{self.idle} steps"
                 )
                 break
             if self.steps - saved >= self.parameters.checkpoint_steps:
@@ -424,7 +423,8 @@ class _Deposition:
         )
         self.next += len(rows)
         fall = (2 * places[n - len(rows) : n, 2].max() / p.gravity) ** 0.5
-        self.idle, self.energy = -round(fall / p.dt), np.inf
+        e = min(p.restitution, BOUNCY)
+        self.idle = -round(fall * (1 + e) / (1 - e) / p.dt)  # until it has bounced out
         self.speed = np.append(self.speed, np.full(len(rows), 2.0 * FALLING))
         self.still = np.append(self.still, np.zeros(len(rows), int))
 
@@ -464,11 +464,6 @@ class _Deposition:
         self.speed[active] = way / (LOOK * self.parameters.dt)
         resting = self.speed[active] < self.parameters.sleep_speed
         self.still[active] = np.where(resting, self.still[active] + LOOK, 0)
-        # A bed that still loses energy is on its way to rest, however far its grains have to fall.
-        height, speed2 = bed.position[active, 2], (bed.velocity[active] ** 2).sum(axis=1)
-        energy = float((bed.mass[active] * (self.parameters.gravity * height + speed2 / 2)).sum())
-        if energy < (1 - FALLEN) * self.energy:
-            self.idle, self.energy = 0, energy
         tired = active[self.still[active] >= self.parameters.sleep_steps]
         if len(tired):
             bed.fix(tired)
@@ -504,7 +499,7 @@ class _Deposition:
         report.wall_s = time.perf_counter() - self.started
 
 
-PLAIN = ("next", "steps", "idle", "energy", "activity", "poured", "notes")
+PLAIN = ("next", "steps", "idle", "activity", "poured", "notes")
 BODY = ("phase", "shape", "radius", "bound", "density", "position", "quaternion", "velocity", "spin", "fixed")
 """What a checkpoint holds of the deposition and of each body."""
 

@@ -83,8 +83,8 @@ class Parameters:
     batch_layers : float
         Solid poured in one batch, as a bed thickness in mean grain diameters.
     max_idle_steps : int
-        Steps without any body coming to rest, or the moving ones losing a twentieth of their energy, after
-        which the deposition is ended as it is; the time that a new batch takes to fall is not counted.
+        Steps without any body coming to rest after which the deposition is ended as it is; those that a new
+        batch takes to fall and to bounce out are not counted.
     rest_windows : int
         Most windows of 300 finer steps in which the poured bed, all bodies free, may come to rest.
     checkpoint_steps : int
