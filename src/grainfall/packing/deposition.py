@@ -197,7 +197,8 @@ TRIES, TRIES_AT_ONCE = 200, 20
 """Random places tried for one grain before it waits for the next batch."""
 
 BOUNCY = 0.8
-"""Coefficient of restitution up to which grains are waited for until they have bounced out."""
+"""Coefficient of restitution up to which grains are waited for until they have bounced out: that takes
+(1 + e) / (1 - e) times as long as their fall, without bound."""
 
 FALLING = 1.0
 """Speed, engine units / s, above which a body still falls: that of a fall over a twentieth of a radius."""
