@@ -10,6 +10,10 @@ with stage(snakemake) as progress, io.open_volume(snakemake.input.twin, "phase")
     def table(name):
         return io.read_table(str(files[name])) if files.get(name) else None
 
+    def surface(s2):
+        along = s2[s2.axis.isin(list("xyz"))].groupby("lag_um", as_index=False).s2.mean()
+        return correlation.specific_surface(along.lag_um, along.s2)
+
     def asked_for():
         """The error in what the config's ``accuracy`` asks for."""
         asked = snakemake.params.asked
@@ -21,7 +25,7 @@ with stage(snakemake) as progress, io.open_volume(snakemake.input.twin, "phase")
         found |= {"porosity": packing["porosity"], "overlap": io.read_json(files.contacts)["max_overlap"]}
         held = {"porosity": scene["porosity_target"]}
         if reference is not None:
-            held |= accuracy.from_tables(table("reference_s2"), table("reference_flow"), method, reference)
+            held |= accuracy.from_tables(reference_s2, table("reference_flow"), method, reference)
         return report.accuracy_values(asked, accuracy.differences(found, held))
 
     scene = io.read_json(files.scene)
@@ -35,7 +39,7 @@ with stage(snakemake) as progress, io.open_volume(snakemake.input.twin, "phase")
     twin_network = network.element_sizes(network.load(files.network_pores, files.network_throats))
     costs = report.read_costs(files.benchmarks)
     s2_volume = table("s2_volume")
-    radial = s2_volume[s2_volume.axis.isin(list("xyz"))].groupby("lag_um", as_index=False).s2.mean()
+    reference_s2 = table("reference_s2")
     packing = report.packing_values(
         scene,
         io.read_json(files.deficit),
@@ -57,7 +61,9 @@ with stage(snakemake) as progress, io.open_volume(snakemake.input.twin, "phase")
         ),
         "s2_inside_envelope": correlation.inside_cloud(table("envelope"), table("s2_slices")),
         "s2_envelope_p": io.read_json(files.envelope_test)["p"],
-        "specific_surface_per_um": correlation.specific_surface(radial.lag_um, radial.s2),
+        "specific_surface_per_um": surface(s2_volume),
+        "porosity_ref": None if reference_s2 is None else 1 - float(reference_s2.s2[0]),
+        "specific_surface_ref_per_um": None if reference_s2 is None else surface(reference_s2),
         **report.network_values(twin_network, reference),
         **report.flow_values(table("flow"), table("reference_flow"), method),
         **{k: v for k, v in io.read_json(files.contacts).items() if k in report.METRICS},

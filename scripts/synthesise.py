@@ -9,7 +9,6 @@ with stage(snakemake) as progress:
     rock = dict(snakemake.params.rock)
     pixel = snakemake.params.row["pixel_size_um"]
     edge, outlined = rock.pop("reference_edge"), rock.pop("outlined")
-    exact = rock["porosity"] or rock["packed_porosity"]
     truth = synthesise(
         random.generator(**snakemake.params.stream, chapter="section/synthetic"),
         rock.pop("shape"),
@@ -24,7 +23,7 @@ with stage(snakemake) as progress:
     )
     io.write_volume(
         snakemake.output.reference,
-        {"phase": truth.cube(edge) if exact else truth.phase[:edge, :edge, :edge]},
+        {"phase": truth.cube(edge)},
         truth.voxel_size_um,
         {"phases": list(truth.phases), "seed": snakemake.params.stream["seed"]},
     )

@@ -92,6 +92,8 @@ METRICS: dict[str, Metric] = {
     "w1_network_throats_um": Metric("network throat radii, distance to the reference", "µm", "network"),
     "w1_network_coordination": Metric("pore coordination, distance to the reference", "throats", "network"),
     "specific_surface_per_um": Metric("specific surface from the slope of S₂", "1/µm", "s2_volume.csv"),
+    "porosity_ref": Metric("porosity of the 3D reference", source="reference_s2.csv"),
+    "specific_surface_ref_per_um": Metric("specific surface of the 3D reference", "1/µm", "reference_s2.csv"),
     "accuracy_error": Metric("error in what accuracy asks for", source="config"),
     "wall_s": Metric("wall time of the realization", "s", "benchmarks"),
     "peak_rss_mb": Metric("peak memory of its largest job", "MB", "benchmarks"),
@@ -598,6 +600,8 @@ def headline(tables: Sequence[pd.DataFrame]) -> list[str]:
         against = ""
         if all(reference):
             against = f", {_relative(sum(k) / sum(reference), 1.0)} by the same method on average"
+            if of("porosity_ref") is not None:
+                against += f" (the reference is {number(of('porosity_ref'))} porous)"
         blocked = "" if all(k) else " (0: nothing percolates)"
         said.append(f"Permeability along x, y, z is {', '.join(map(number, k))} mD{blocked}{against}.")
     inside, p = of("s2_inside_envelope"), of("s2_envelope_p")
