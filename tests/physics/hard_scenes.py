@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import tempfile
 import time
 from collections.abc import Callable
@@ -212,21 +213,29 @@ def judged(bodies: pd.DataFrame, report: dict) -> tuple[dict, list[str]]:
 
 def pour(scene: dict, engine: str) -> tuple[dict, list[str]]:
     """Grains poured into a box."""
-    bodies, library, _ = poured(scene, engine)
-    figures, faults = judged(bodies, bodies.attrs["report"])
+    bodies, report, library, _ = poured(scene, engine)
+    figures, faults = judged(bodies, report)
     return figures, faults + coarse_porosity(scene, bodies, library)
 
 
-def poured(scene: dict, engine: str, seed: int = 1) -> tuple[pd.DataFrame, grains.Library, packing.Box]:
-    """The bodies of a scene that is poured, their shapes and their box."""
-    rng = np.random.default_rng(seed)
+def poured(scene: dict, engine: str) -> tuple[pd.DataFrame, dict, grains.Library, packing.Box]:
+    """A scene that is poured, anew in finer steps where overlaps call for it, as a first packing is.
+
+    Bodies, report, shapes and box.
+    """
+    rng = np.random.default_rng(1)
     um = scene.get("um", 50.0)
     library = SHAPES[scene["shapes"]](np.random.default_rng(5))
     population = supply(scene, len(library), rng)
     population["scale"] *= um
     box = packing.Box(tuple(2.0 * um * edge for edge in scene["region"]), 2.0 * um * scene["margin"])
     parameters = packing.Parameters.named(engine=engine, **scene.get("parameters", {}))
-    return packing.deposit(population, library, box, parameters, rng), library, box
+
+    def pack_with(parameters):
+        bodies = packing.deposit(population, library, box, parameters, copy.deepcopy(rng))
+        return bodies, bodies.attrs["report"]
+
+    return *packing.pack_first(pack_with, parameters, "auto"), library, box
 
 
 def supply(scene: dict, shapes: int, rng: np.random.Generator, n: int = 2000) -> pd.DataFrame:

@@ -27,7 +27,7 @@ def test_hard_case(scene, engine):
 def test_units_drop_out(engine):
     """Grains of 1 nm and of 1 m: the same bytes, times the unit."""
     small, large = (next(s for s in SCENES if s["scene"] == name) for name in ("grains_1_nm", "grains_1_m"))
-    (a, _, box_a), (b, _, box_b) = (hard_scenes.poured(scene, engine) for scene in (small, large))
+    (a, _, _, box_a), (b, _, _, box_b) = (hard_scenes.poured(scene, engine) for scene in (small, large))
     assert (
         a[["qw", "qx", "qy", "qz"]].to_numpy().tobytes() == b[["qw", "qx", "qy", "qz"]].to_numpy().tobytes()
     )

@@ -7,7 +7,7 @@ import pytest
 from grainfall.packing import Box, Parameters, deposit, settle
 from grainfall.packing.bed import Bed
 from grainfall.packing.engine import Solid, start
-from grainfall.packing.rest import relax
+from grainfall.packing.rest import _draw_apart, relax
 
 ENGINES = ["physx", "bullet"]
 BOX = Box((300.0,) * 3, 50.0)
@@ -164,3 +164,15 @@ def test_around_a_body():
     row = Bed.of(spheres([[0, 0, 0], [99, 0, 0], [201, 0, 0]]), NoShapes, BOX, Parameters.named())
     assert row.around(np.array([True, False, False])).tolist() == [True, True, False]
     assert row.around(np.array([False, False, True])).tolist() == [False, False, True]
+
+
+def test_what_is_overlooked_is_drawn_apart_where_it_lies():
+    """Two spheres a twentieth of a radius in each other come apart; a third, out of their reach, stays."""
+    parameters = Parameters.named(engine="physx")
+    bed = Bed.of(spheres([[60, 60, 0], [155, 60, 0], [240, 240, 0]]), NoShapes, BOX, parameters)
+    before = bed.position.copy()
+    drawn = _draw_apart(bed, parameters)
+    assert drawn.tolist() == [True, True, False]
+    assert bed.overlaps()[0] < 0.01
+    assert (bed.position[2] == before[2]).all()
+    assert not _draw_apart(bed, parameters).any()

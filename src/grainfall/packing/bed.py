@@ -16,6 +16,9 @@ from grainfall.packing.shapes import CollisionShape, collision_shapes
 
 COLUMNS = ["id", "kind", "phase", "shape", "scale", "x", "y", "z", "qw", "qx", "qy", "qz", "asleep"]
 
+STATE = ("position", "quaternion", "velocity", "spin")
+"""What an engine changes of a body."""
+
 
 @dataclass(frozen=True)
 class Frame:
@@ -85,6 +88,19 @@ class Bed:
             density=bodies.get("density"),
         )
         return bed
+
+    def some(self, ids: np.ndarray) -> Bed:
+        """A bed of these bodies alone, as they are; :meth:`take` brings back what becomes of them."""
+        bed = Bed(self.shapes, self.parameters, self.sides, self.frame)
+        for name in ("kind", "phase", "shape", "radius", "bound", "density", "fixed", *STATE):
+            setattr(bed, name, getattr(self, name)[ids])
+        return bed
+
+    def take(self, ids: np.ndarray, some: Bed) -> None:
+        """The state of :meth:`some` of the bodies becomes theirs here."""
+        self.close()
+        for name in STATE:
+            getattr(self, name)[ids] = getattr(some, name)
 
     def __len__(self) -> int:
         return len(self.radius)
