@@ -291,8 +291,8 @@ FEW = 0.1
 """Share of bodies, neighbours counted, that are moved on alone also while the others do not rest yet."""
 
 PATIENCE = 4
-"""Times the windows that a bed is given at most, those of a few bodies counted by their share of all; and times
-that pairs are drawn apart in the end."""
+"""Times the windows that a bed is given at most, those of a few bodies counted by their share of all, and the
+times that pairs are drawn apart in the end."""
 
 DAMPING, ALONE = 0.02, 0.005
 """Share of its speed that a body loses in a step of the relaxation: with all others, or while those that rest
