@@ -254,13 +254,13 @@ REFINEMENT = 0.5
 
 
 def _draw_apart(bed: Bed, parameters: Parameters) -> np.ndarray:
-    """Separate bodies that lie in each other unseen; which they were, with all that touch them (mask).
+    """Separate bodies that lie in each other unseen; which they were, and those about them (mask).
 
     PhysX's narrow phase goes by what it found in the step before, and at times overlooks two hulls of many
     facets until they are a tenth of a radius deep in each other. A new engine sees them in its first step,
     and needs no others than those about them: among ten thousand bodies there is nearly always such a pair.
     """
-    free = bed.around(_overlooked(bed))
+    free = bed.around(bed.around(_overlooked(bed)))  # those next to them have to make room
     if free.any():
         ids = np.flatnonzero(bed.around(free))
         few = bed.some(ids)
