@@ -19,6 +19,7 @@ from grainfall.report import (
     SUMMARY_COLUMNS,
     build_report,
     figure_files,
+    figures,
     flow_values,
     intervals,
     judge,
@@ -626,8 +627,6 @@ def test_fewer_independent_bodies_widen_the_bound():
 
 
 def test_many_minerals_stay_readable():
-    from grainfall.report import figures
-
     rng = np.random.default_rng(0)
     names = ["pore", *(f"$mineral_{i}$" for i in range(1, 41))]
     sizes = pd.concat([histogram("grain", i, 12, rng) for i in range(1, 41)] + [histogram("pore", 0, 6, rng)])
@@ -810,3 +809,13 @@ def test_growth_of_a_run_from_the_benchmark_files_of_its_jobs(root, tmp_path):
     assert 3600 * grown.loc["network", "cpu_h_2000"] == pytest.approx(2 + 1e-6 * 2000**3)
     assert 3600 * grown.loc["figure", "cpu_h_4000"] == pytest.approx(3)
     assert grown.loc["total", "memory_gb_2000"] == grown["memory_gb_2000"].iloc[:-1].max()
+
+
+@pytest.mark.parametrize(("p_sp", "shown"), [(0.12, True), (0.0, False)])
+def test_sizes_left_over_count_as_used_only_where_spheres_were_poured(p_sp, shown):
+    edges = np.arange(11.0)
+    table = pd.DataFrame({"r_lo_um": edges[:-1], "r_hi_um": edges[1:], "target": 0.1, "first": 0.05})
+    drawn = figures.virtual_figure(table.assign(difference=0.05, used=0.1), p_sp)
+    names = [text.get_text() for text in drawn.legends[0].get_texts()]
+    assert any(name.startswith("used") for name in names) == shown
+    assert any(text.get_text() == "none called for" for text in drawn.axes[1].texts) != shown

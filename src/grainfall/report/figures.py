@@ -549,7 +549,7 @@ def virtual_figure(table: pd.DataFrame, p_sp: float | None = None) -> Figure:
     table : DataFrame
         virtual_spheres.csv: r_lo_um, r_hi_um, target, first, difference, used (densities per µm).
     p_sp : float, optional
-        Share of virtual spheres among the bodies poured.
+        Share of virtual spheres among the bodies poured; of 0, sizes that were left over were not used.
     """
     fine = np.append(table["r_lo_um"].to_numpy(), table["r_hi_um"].iloc[-1])
     # the common bins of two unfoldings are so many that their outlines hide what they hold
@@ -569,7 +569,7 @@ def virtual_figure(table: pd.DataFrame, p_sp: float | None = None) -> Figure:
         drawn["difference"], edges, color=SECTION, ls=(0, (1, 1.2)), lw=1.3, label="target − first packing"
     )
     right.set_title("Virtual spheres")
-    if drawn["used"].any():
+    if drawn["used"].any() and p_sp != 0:
         right.stairs(drawn["used"], edges, fill=True, color=VIRTUAL, zorder=0)
         share = "" if p_sp is None else f", {100 * p_sp:.3g} % of the bodies"
         right.stairs(drawn["used"], edges, color="#6B6300", lw=1.2, label=f"used{share}", zorder=0.5)
