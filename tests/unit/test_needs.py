@@ -39,6 +39,22 @@ def test_no_measured_job_has_too_little(power):
     assert asking.job("flow", {"Mvoxel": 1e-6}).runtime_min == needs.SHORTEST_MIN
 
 
+@pytest.mark.parametrize("power", [0.3, 2.0])
+def test_no_other_line_asks_for_less_where_it_asks_for_most(power):
+    jobs = runs(lambda n: 50 + 10 * n**power, lambda n: 0.0)
+    row = needs.fit(jobs, {"flow": "Mvoxel"}).iloc[0]
+    size, used = jobs["Mvoxel"].to_numpy(), jobs["peak_rss_mb"].to_numpy()
+
+    def most(start, share):
+        ratio = (start + share * size) / used
+        return ratio.max() / ratio.min()  # raised to the hungriest job
+
+    best = most(row["start_mb"], row["mb"])
+    for start in np.linspace(0.2, 5, 40) * row["start_mb"]:
+        for share in np.linspace(0.2, 5, 40) * row["mb"]:
+            assert most(start, share) > best - 1e-3
+
+
 def test_what_is_not_known_is_not_guessed():
     jobs = runs(lambda n: 100 + n, lambda n: n)
     asking = needs.Needs(needs.fit(jobs, {"flow": "Mvoxel", "scene": "Mvoxel"}))

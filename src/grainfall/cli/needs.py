@@ -40,6 +40,10 @@ COARSENED = ("network", "flow")
 """How rules end that may work on blocks of voxels."""
 
 
+LEAST = 0.01
+"""MB or s that every job is taken to have used: a clock that looks each second may have seen none."""
+
+
 @dataclass(frozen=True)
 class Need:
     """What to ask for: memory in MB, time in minutes."""
@@ -143,8 +147,9 @@ def fit(runs: pd.DataFrame, per: Mapping[str, str]) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        As :class:`Needs` takes it: lines of least squares, with neither a negative start nor a negative
-        share, raised to the hungriest job.
+        As :class:`Needs` takes it: of the lines that no job exceeds, with neither a negative start nor a
+        negative share, that which asks for least beyond what a job uses, as a multiple of it, where it asks
+        for most.
     """
     rows = []
     for rule, unit in per.items():
@@ -155,9 +160,14 @@ def fit(runs: pd.DataFrame, per: Mapping[str, str]) -> pd.DataFrame:
         matrix = np.column_stack([np.ones(len(largest)), largest[unit]])
         row = {"rule": rule, "per": unit}
         for column, (start, share) in {"peak_rss_mb": ("start_mb", "mb"), "cpu_s": ("start_s", "s")}.items():
-            # relative errors count: a small job asks for little
-            line, _ = scipy.optimize.nnls(matrix / largest[[column]].to_numpy(), np.ones(len(largest)))
-            line *= (largest[column] / (matrix @ line)).max()
-            row[start], row[share] = line
+            used = largest[[column]].to_numpy().clip(min=LEAST)
+            asked = matrix / used
+            one = np.ones((len(asked), 1))
+            found = scipy.optimize.linprog(
+                [0, 0, 1],
+                A_ub=np.block([[-asked, 0 * one], [asked, -one]]),
+                b_ub=np.concatenate([-one, 0 * one]),
+            )
+            row[start], row[share], _ = found.x
         rows.append(row)
     return pd.DataFrame(rows).round(3)
