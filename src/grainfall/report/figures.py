@@ -126,6 +126,10 @@ def mineral_handles(phases: Sequence[str], most: int = 9) -> list[Patch]:
     return handles if rest <= 0 else [*handles[:most], Patch(alpha=0, label=f"and {rest} more")]
 
 
+MOST_PIXELS = 2000
+"""Pixels along an edge of an image that is drawn: more would not be seen, and cost memory."""
+
+
 @styled
 def section_figure(
     phase: np.ndarray,
@@ -155,15 +159,13 @@ def section_figure(
     aspect = float(np.clip(phase.shape[0] / phase.shape[1], 0.4, 1.6))
     figure = Figure(figsize=(WIDTH, (WIDTH / 2 - 0.45) * aspect + 0.95))
     left, right = figure.subplots(1, 2)
-    extent = (0, width, height, 0)
-    colours = phase_colours(phase)
+    step = -(-max(phase.shape) // MOST_PIXELS)
+    rows, columns = (step * pixel_size_um * -(-n // step) for n in phase.shape)
     if grey is not None:
-        left.imshow(grey, cmap="gray", extent=extent)
+        left.imshow(grey[::step, ::step], cmap="gray", extent=(0, columns, rows, 0))
     else:
-        left.imshow(colours, extent=extent)
-    left.set_title("The section")
-    right.imshow(0.45 * colours + 0.55, extent=extent)
-    right.set_title("Grains and inscribed pore circles")
+        left.imshow(phase_colours(phase[::step, ::step]), extent=(0, columns, rows, 0))
+    left.set(title="The section", xlim=(0, width), ylim=(height, 0))
 
     handles = mineral_handles(phases)
     # a window in which single outlines can be seen; the whole section where it holds few grains
@@ -172,13 +174,16 @@ def section_figure(
         span = min(span, 28 * float(grains["r_um"].mean()))
     window_w, window_h = min(span, width), min(span * height / width, height)
     x0, y0 = (width - window_w) / 2, (height - window_h) / 2
-    right.set(xlim=(x0, x0 + window_w), ylim=(y0 + window_h, y0))
+    window = np.array([[y0, x0], [y0 + window_h, x0 + window_w]]) / pixel_size_um
+    (top, first), (bottom, last) = np.stack([np.floor(window[0]), np.ceil(window[1])]).astype(int)
+    colours = phase_colours(phase[top:bottom, first:last])
+    extent = np.array([first, first + colours.shape[1], top + colours.shape[0], top]) * pixel_size_um
+    right.imshow(0.45 * colours + 0.55, extent=extent)
+    right.set(xlim=(x0, x0 + window_w), ylim=(y0 + window_h, y0), title="Grains and inscribed pore circles")
     if window_w < width:
         for colour, thick, style in (("black", 1.6, "-"), ("white", 0.7, "--")):
             frame = Rectangle((x0, y0), window_w, window_h, fill=False, ec=colour, lw=thick, ls=style)
             left.add_patch(frame)
-    window = np.array([[y0, x0], [y0 + window_h, x0 + window_w]]) / pixel_size_um
-
     if labels is not None:
         cut = set() if grains is None else set(grains.loc[grains["border"].astype(bool), "grain"])
         lines: dict[bool, list] = {False: [], True: []}
@@ -404,7 +409,7 @@ def packings_figure(
 
     Parameters
     ----------
-    first, second, twin : ndarray of uint8, (z, y, x) or None
+    first, second, twin : ndarray or open volume of uint8, (z, y, x), or None
         Phase volumes; virtual spheres carry the label 255.
     voxel_size_um : float
     phases : sequence of str
@@ -417,6 +422,7 @@ def packings_figure(
     ]
     ratio = twin.shape[0] / twin.shape[2]
     figure = Figure(figsize=(WIDTH, WIDTH / 3 * ratio + 0.95))
+    spheres = False
     for axes, (title, volume, porosity) in zip(
         figure.subplots(1, len(panels), squeeze=False, sharey=True)[0], panels, strict=True
     ):
@@ -424,6 +430,7 @@ def packings_figure(
         height, width = (n * voxel_size_um for n in image.shape)
         axes.imshow(phase_colours(image), origin="lower", extent=(0, width, 0, height))
         if (image == VIRTUAL_LABEL).any():
+            spheres = True
             # an outline besides the colour: yellow on white vanishes in greyscale
             axes.contour(
                 (image == VIRTUAL_LABEL).astype(float), [0.5], colors="black", linewidths=0.6,
@@ -437,7 +444,7 @@ def packings_figure(
             axes.set_ylabel("z, up (µm)")
     handles = mineral_handles(phases)
     handles.append(Patch(facecolor=PORE, edgecolor="black", lw=0.5, label="pore"))
-    if second is not None and (second == VIRTUAL_LABEL).any():
+    if spheres:
         handles.append(Patch(facecolor=VIRTUAL, edgecolor="black", lw=0.8, label="virtual sphere"))
     figure.legend(handles=handles, loc="outside lower center", ncols=6)
     return figure
@@ -475,7 +482,7 @@ def block_figure(phase: np.ndarray, voxel_size_um: float, phases: Sequence[str] 
 
     Parameters
     ----------
-    phase : ndarray of uint8, (z, y, x)
+    phase : ndarray or open volume of uint8, (z, y, x)
     voxel_size_um : float
     """
     nz, ny, nx = phase.shape

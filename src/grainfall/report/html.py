@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import base64
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -26,6 +27,8 @@ COMPARED = (
 """Columns of summary.csv that ensembles are compared by."""
 GALLERY = 8
 """Grains shown with their masks."""
+PACKED = ("twin:first/volume.zarr.zip", "twin:second/volume.zarr.zip", "twin:twin.zarr.zip")
+"""Volumes of the two packings and of the twin."""
 
 
 class Results:
@@ -71,6 +74,13 @@ class Results:
         if found is None or (array is not None and array not in found[1]):
             return None
         return io.read_volume(self.path(name), array)[0]
+
+    @contextmanager
+    def opened(self, *names: str) -> Iterator[list[io.Volume | None]]:
+        """The phases of volume files, read where they are indexed; ``None`` where a file is missing."""
+        with ExitStack() as stack:
+            paths = map(self.path, names)
+            yield [stack.enter_context(io.open_volume(p, "phase"))[0] if p.exists() else None for p in paths]
 
     def attributes(self, name: str) -> tuple[dict, dict[str, tuple]] | None:
         """Group attributes of a volume file, and the shapes of its arrays by name."""
@@ -192,21 +202,15 @@ def figure_files(
 
     def block() -> Figure:
         attributes, _ = r.attributes("twin:twin.zarr.zip")
-        return figures.block_figure(
-            r.volume("twin:twin.zarr.zip", "phase"), attributes["voxel_size_um"], r.twin_phases
-        )
+        with r.opened("twin:twin.zarr.zip") as (twin,):
+            return figures.block_figure(twin, attributes["voxel_size_um"], r.twin_phases)
 
     def packings() -> Figure:
         attributes, _ = r.attributes("twin:twin.zarr.zip")
         by_name = _values(r.table("twin:metrics.csv"))
-        return figures.packings_figure(
-            r.volume("twin:first/volume.zarr.zip", "phase"),
-            r.volume("twin:second/volume.zarr.zip", "phase"),
-            r.volume("twin:twin.zarr.zip", "phase"),
-            attributes["voxel_size_um"],
-            r.twin_phases,
-            [by_name.get(k) for k in ("porosity_first", "porosity_second", "porosity")],
-        )
+        porosities = [by_name.get(k) for k in ("porosity_first", "porosity_second", "porosity")]
+        with r.opened(*PACKED) as volumes:
+            return figures.packings_figure(*volumes, attributes["voxel_size_um"], r.twin_phases, porosities)
 
     def forces() -> Figure | None:
         contacts, bodies = r.table("twin:contacts.csv"), r.table("twin:bodies.csv")

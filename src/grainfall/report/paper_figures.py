@@ -36,7 +36,7 @@ from grainfall.report.figures import (
     phase_colours,
     styled,
 )
-from grainfall.report.html import Results, gallery, grains_inside
+from grainfall.report.html import PACKED, Results, gallery, grains_inside
 from grainfall.report.validation import BEREA_PUBLISHED_MD, PAPER, describe, radial
 
 DASHED, DOTTED = (0, (4, 1.5)), (0, (1, 1.2))
@@ -322,14 +322,9 @@ def two_packing(cases: Cases) -> Figure | None:
     if r is None:
         return None
     values = r.table("twin:metrics.csv").set_index("metric")["value"]
-    return figures.packings_figure(
-        r.volume("twin:first/volume.zarr.zip", "phase"),
-        r.volume("twin:second/volume.zarr.zip", "phase"),
-        r.volume("twin:twin.zarr.zip", "phase"),
-        _voxel(r),
-        r.twin_phases,
-        [values.get(k) for k in ("porosity_first", "porosity_second", "porosity")],
-    )
+    porosities = [values.get(k) for k in ("porosity_first", "porosity_second", "porosity")]
+    with r.opened(*PACKED) as volumes:
+        return figures.packings_figure(*volumes, _voxel(r), r.twin_phases, porosities)
 
 
 def virtual_sizes(cases: Cases) -> Figure | None:
