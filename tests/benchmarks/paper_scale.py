@@ -23,6 +23,7 @@ import numpy as np
 import pandas as pd
 import yaml
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 
 from grainfall import config, io
 from grainfall.report import read_costs
@@ -104,7 +105,7 @@ def carried_on(one: tuple[float, float], other: tuple[float, float], n: float) -
 @styled
 def draw(table: pd.DataFrame, shown: int = 9) -> Figure:
     """Time and memory against the edge, both logarithmic, of the rules that take most."""
-    figure = Figure(figsize=(7.0, 3.6))
+    figure = Figure(figsize=(7.5, 4.8))
     last = table[table["n"] == table["n"].max()]
     panels = zip(figure.subplots(1, 2), (("cpu_s", "CPU s"), ("peak_rss_mb", "MB")), strict=True)
     marks = "osD^v<>Ph"
@@ -116,8 +117,10 @@ def draw(table: pd.DataFrame, shown: int = 9) -> Figure:
             axes.loglog(rows["n"], rows[column], marker=mark, ms=4, label=f"{rule}, n^{slope:.1f}")
         axes.set(xlabel="edge n, voxels", ylabel=label)
         axes.set_xticks(sorted(table["n"].unique()), sorted(table["n"].unique()))
+        axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5), numticks=10))
+        axes.yaxis.set_major_formatter("{x:g}")
         axes.minorticks_off()
-        axes.legend(fontsize=6)
+        axes.legend(fontsize=7, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.16))
     return figure
 
 

@@ -1,6 +1,7 @@
 """What a job asks for is what such jobs have used, and a margin."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pandas as pd
@@ -20,44 +21,49 @@ def runs(memory, seconds, sizes=(0.1, 1.0, 10.0)):
     )
 
 
-def test_a_line_is_found_again():
-    table = needs.fit(runs(lambda n: 100 + 20 * n, lambda n: 1000 + 600 * n), {"flow": "Mvoxel"})
-    found = table[["start_mb", "mb", "start_s", "s"]].to_numpy()[0]
-    assert found == pytest.approx([100, 20, 1000, 600], rel=1e-3)
-    need = needs.Needs(table).job("flow", {"Mvoxel": 100.0, "kgrain": 1.0})
-    assert need.mem_mb == pytest.approx(2100 / needs.FULL, abs=2)
-    assert need.runtime_min == pytest.approx(needs.SLOWER * 61000 / 60, abs=2)
+def test_a_start_and_a_share_are_carried_to_any_size():
+    table = needs.hungriest(runs(lambda n: 100 + 20 * n, lambda n: 1000 + 600 * n), {"flow": "Mvoxel"})
+    for size in (0.1, 5.0, 10.0, 100.0):
+        need = needs.Needs(table).job("flow", {"Mvoxel": size, "kgrain": 1.0})
+        assert need.mem_mb == pytest.approx((100 + 20 * size) / needs.FULL, abs=2)
+        assert need.runtime_min == pytest.approx(needs.SLOWER * (1000 + 600 * size) / 60, abs=2)
 
 
 @pytest.mark.parametrize("power", [0.5, 1.5])
-def test_no_measured_job_has_too_little(power):
+def test_every_measured_job_has_what_it_used_and_a_margin(power):
     jobs = runs(lambda n: 50 + 10 * n**power, lambda n: 3 * n)
-    asking = needs.Needs(needs.fit(jobs, {"flow": "Mvoxel"}))
+    asking = needs.Needs(needs.hungriest(jobs, {"flow": "Mvoxel"}))
     asked = [asking.job("flow", {"Mvoxel": size}).mem_mb for size in jobs["Mvoxel"]]
-    shares = jobs["peak_rss_mb"] / asked
-    assert max(shares) == pytest.approx(needs.FULL, abs=0.02)
+    assert jobs["peak_rss_mb"].to_numpy() / asked == pytest.approx(needs.FULL, abs=0.02)
     assert asking.job("flow", {"Mvoxel": 1e-6}).runtime_min == needs.SHORTEST_MIN
 
 
-@pytest.mark.parametrize("power", [0.3, 2.0])
-def test_no_other_line_asks_for_less_where_it_asks_for_most(power):
-    jobs = runs(lambda n: 50 + 10 * n**power, lambda n: 0.0)
-    row = needs.fit(jobs, {"flow": "Mvoxel"}).iloc[0]
-    size, used = jobs["Mvoxel"].to_numpy(), jobs["peak_rss_mb"].to_numpy()
+def test_of_jobs_of_a_size_the_hungriest_counts():
+    jobs = pd.concat(
+        [runs(lambda n: 300 * n, lambda n: 2 * n), runs(lambda n: 500 * n, lambda n: n), runs(abs, abs)]
+    )
+    row = needs.hungriest(jobs, {"flow": "Mvoxel"}).set_index("size").loc[10.0]
+    assert row["mb"] == 5000
+    assert row["s"] == 20.0
 
-    def most(start, share):
-        ratio = (start + share * size) / used
-        return ratio.max() / ratio.min()  # raised to the hungriest job
 
-    best = most(row["start_mb"], row["mb"])
-    for start in np.linspace(0.2, 5, 40) * row["start_mb"]:
-        for share in np.linspace(0.2, 5, 40) * row["mb"]:
-            assert most(start, share) > best - 1e-3
+def test_a_larger_job_never_gets_less():
+    jobs = runs(lambda n: 900 - 80 * n, lambda n: 50.0 if n == 1 else 1.0)
+    asking = needs.Needs(needs.hungriest(jobs, {"flow": "Mvoxel"}))
+    asked = [asking.job("flow", {"Mvoxel": size}) for size in (0.01, 0.1, 0.5, 1.0, 7.0, 10.0, 100.0)]
+    assert [need.mem_mb for need in asked] == [math.ceil(892 / needs.FULL)] * 7
+    assert all(a.runtime_min <= b.runtime_min for a, b in pairwise(asked))
+
+
+def test_of_one_size_the_share_of_each_voxel_is_known():
+    asking = needs.Needs(needs.hungriest(runs(lambda n: 100.0, lambda n: n, (2.0,)), {"flow": "Mvoxel"}))
+    assert asking.job("flow", {"Mvoxel": 6.0}).mem_mb == math.ceil(300 / needs.FULL)
+    assert asking.job("flow", {"Mvoxel": 0.1}).mem_mb == math.ceil(100 / needs.FULL)
 
 
 def test_what_is_not_known_is_not_guessed():
     jobs = runs(lambda n: 100 + n, lambda n: n)
-    asking = needs.Needs(needs.fit(jobs, {"flow": "Mvoxel", "scene": "Mvoxel"}))
+    asking = needs.Needs(needs.hungriest(jobs, {"flow": "Mvoxel", "scene": "Mvoxel"}))
     assert asking.job("scene", {"Mvoxel": 1.0}) is None  # of no job
     assert asking.job("flow", {}) is None
 
@@ -89,9 +95,10 @@ def test_sizes_come_from_what_is_written(tmp_path):
 
 def test_the_table_that_comes_with_it_grows_with_size():
     asking = needs.Needs.measured()
-    assert len(asking.table) > 20
-    for rule, row in asking.table.iterrows():
-        small, large = (asking.job(rule, {row["per"]: size}) for size in (0.01, 1000.0))
+    per = asking.table.groupby("rule")["per"].first()
+    assert len(per) > 20
+    for rule, unit in per.items():
+        small, large = (asking.job(rule, {unit: size}) for size in (0.01, 1000.0))
         assert 0 < small.mem_mb <= large.mem_mb < math.inf, rule
         assert small.runtime_min <= large.runtime_min, rule
 

@@ -34,6 +34,7 @@ from grainfall.report import (
     sweep_table,
     tables,
     verdict,
+    view3d,
 )
 
 PIXEL = 2.0
@@ -359,6 +360,19 @@ def test_nothing_reaches_the_page_unescaped(tmp_path, hostile):
     assert hostile in " ".join(parsed.words)
     if "<" in hostile:
         assert hostile not in page
+
+
+def test_the_3d_view_of_a_file_is_that_of_its_volume(tmp_path, monkeypatch):
+    """Whatever planes are read at a time, also where blocks reach beyond the volume."""
+    phase = np.random.default_rng(1).integers(0, 3, (83, 50, 91), np.uint8)
+    path = tmp_path / "twin.zarr.zip"
+    with io.create_volume(path, phase.shape, {"phase": "uint8"}, 1.0, {}) as volume:
+        volume["phase"][:] = phase
+    whole = view3d.view_data(phase, 2.0, edge=30)
+    monkeypatch.setattr(view3d, "CHUNK", 9)
+    with io.open_volume(path, "phase") as (stored, _):
+        assert view3d.view_data(stored, 2.0, edge=30) == whole
+    assert set(whole["groups"]) == {"mineral 1", "mineral 2"}
 
 
 def test_phase_names_are_data_in_the_3d_view(tmp_path):

@@ -1,6 +1,7 @@
-"""What one job needs of a machine, from what such jobs have needed: a fit to needs.csv (`make bench-needs`).
+"""What one job needs of a machine, from what such jobs have needed: needs.csv (`make bench-needs`).
 
-Memory and CPU time of a job are a start, large for what it imports, and a share for every voxel or grain.
+Between the sizes measured, memory and CPU time of a job go along straight lines: a start, large for what it
+imports, and a share for every voxel or grain, that is smaller where it works block by block.
 """
 
 from __future__ import annotations
@@ -14,7 +15,6 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import scipy  # its parts load when they are first used
 
 from grainfall import io, packing
 from grainfall.errors import InputError
@@ -28,7 +28,7 @@ VOLUMES = dict.fromkeys(("reference_network", "reference_flow", "reference_s2"),
 """Whose jobs' size is not that of the section, but of another volume of the sample."""
 
 FULL = 0.85
-"""Share of the memory asked for that the hungriest measured job of a rule uses."""
+"""Share of the memory asked for that the hungriest measured job of a size uses."""
 
 SLOWER = 4.0
 """Time asked for over the measured: another machine, other work on it."""
@@ -40,10 +40,6 @@ COARSENED = ("network", "flow")
 """How rules end that may work on blocks of voxels."""
 
 
-LEAST = 0.01
-"""MB or s that every job is taken to have used: a clock that looks each second may have seen none."""
-
-
 @dataclass(frozen=True)
 class Need:
     """What to ask for: memory in MB, time in minutes."""
@@ -53,13 +49,13 @@ class Need:
 
 
 class Needs:
-    """The fit.
+    """What jobs of a size have used, and what that says of other sizes.
 
     Parameters
     ----------
     table : DataFrame
-        A row a rule: rule, per (a key of :data:`PER`), start_mb, mb, start_s, s (memory and CPU seconds: at
-        size 0, and for each unit of size).
+        Rows of every rule, by growing size: rule, per (a key of :data:`PER`), size (in that unit), mb, s
+        (memory and CPU seconds of a job of this size).
     """
 
     def __init__(self, table: pd.DataFrame):
@@ -67,7 +63,7 @@ class Needs:
 
     @classmethod
     def measured(cls) -> Needs:
-        """The fit that comes with the package."""
+        """What comes with the package."""
         with TABLE.open() as file:
             return cls(pd.read_csv(file))
 
@@ -82,12 +78,21 @@ class Needs:
         """
         if rule not in self.table.index:
             return None
-        row = self.table.loc[rule]
-        if row["per"] not in size:
+        rows = self.table.loc[[rule]]
+        per = rows["per"].iloc[0]
+        if per not in size:
             return None
-        memory = row["start_mb"] + row["mb"] * size[row["per"]]
-        seconds = row["start_s"] + row["s"] * size[row["per"]]
+        memory, seconds = (_carried(rows["size"], rows[used], size[per]) for used in ("mb", "s"))
         return Need(math.ceil(memory / FULL), max(SHORTEST_MIN, math.ceil(SLOWER * seconds / 60)))
+
+
+def _carried(sizes: pd.Series, used: pd.Series, size: float) -> float:
+    """What was used at some sizes, carried to another; a larger job never needs less than a smaller one."""
+    sizes, used = sizes.to_numpy(), np.maximum.accumulate(used.to_numpy())
+    if size <= sizes[-1]:
+        return float(np.interp(size, sizes, used))
+    share = (used[-1] - used[-2]) / (sizes[-1] - sizes[-2]) if len(sizes) > 1 else used[-1] / sizes[-1]
+    return float(used[-1] + share * (size - sizes[-1]))
 
 
 def size_of(rule: str, sample: str | Path, variant: str | None = None, coarsen: int = 1) -> dict[str, float]:
@@ -134,8 +139,8 @@ def of_shape(shape: Sequence[int]) -> dict[str, float]:
     return {"Mvoxel": math.prod(shape) / PER["Mvoxel"]}
 
 
-def fit(runs: pd.DataFrame, per: Mapping[str, str]) -> pd.DataFrame:
-    """The table behind :class:`Needs`.
+def hungriest(runs: pd.DataFrame, per: Mapping[str, str]) -> pd.DataFrame:
+    """The table behind :class:`Needs`: the most that a job of each rule and size has used.
 
     Parameters
     ----------
@@ -143,31 +148,13 @@ def fit(runs: pd.DataFrame, per: Mapping[str, str]) -> pd.DataFrame:
         A row a job: rule, a column for each unit of size, peak_rss_mb, cpu_s.
     per : mapping
         Rule to the unit that its need grows with.
-
-    Returns
-    -------
-    DataFrame
-        As :class:`Needs` takes it: of the lines that no job exceeds, with neither a negative start nor a
-        negative share, that which asks for least beyond what a job uses, as a multiple of it, where it asks
-        for most.
     """
     rows = []
     for rule, unit in per.items():
         jobs = runs[runs["rule"] == rule].dropna(subset=[unit])
-        if jobs.empty:
-            continue
-        largest = jobs.groupby(unit, as_index=False)[["peak_rss_mb", "cpu_s"]].max()
-        matrix = np.column_stack([np.ones(len(largest)), largest[unit]])
-        row = {"rule": rule, "per": unit}
-        for column, (start, share) in {"peak_rss_mb": ("start_mb", "mb"), "cpu_s": ("start_s", "s")}.items():
-            used = largest[[column]].to_numpy().clip(min=LEAST)
-            asked = matrix / used
-            one = np.ones((len(asked), 1))
-            found = scipy.optimize.linprog(
-                [0, 0, 1],
-                A_ub=np.block([[-asked, 0 * one], [asked, -one]]),
-                b_ub=np.concatenate([-one, 0 * one]),
-            )
-            row[start], row[share], _ = found.x
-        rows.append(row)
-    return pd.DataFrame(rows).round(3)
+        largest = jobs.groupby(unit)[["peak_rss_mb", "cpu_s"]].max()
+        rows += [
+            {"rule": rule, "per": unit, "size": size, "mb": most["peak_rss_mb"], "s": most["cpu_s"]}
+            for size, most in largest.iterrows()
+        ]
+    return pd.DataFrame(rows).round({"size": 6, "mb": 0, "s": 1})

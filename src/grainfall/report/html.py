@@ -590,13 +590,14 @@ def _summary(r: Results) -> pd.DataFrame | None:
 
 def _view(r: Results) -> dict | None:
     """Data of the 3D view."""
-    phase = r.volume("twin:twin.zarr.zip", "phase")
-    if phase is None or not phase.any():
-        return None
-    attributes, _ = r.attributes("twin:twin.zarr.zip")
-    return view3d.view_data(
-        phase, float(attributes["voxel_size_um"]), r.twin_phases, _network(r, "twin:network")
-    )
+    with r.opened("twin:twin.zarr.zip") as (phase,):
+        if phase is None:
+            return None
+        attributes, _ = r.attributes("twin:twin.zarr.zip")
+        view = view3d.view_data(
+            phase, float(attributes["voxel_size_um"]), r.twin_phases, _network(r, "twin:network")
+        )
+    return view if any(group != "network" for group in view["groups"]) else None
 
 
 def _network(r: Results, stem: str) -> dict | None:

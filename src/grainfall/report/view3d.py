@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from skimage.measure import marching_cubes
 
+from grainfall.io import CHUNK, Volume
 from grainfall.report.figures import MINERALS, PORE_CIRCLE
 from grainfall.report.tables import voxel_counts
 
@@ -22,7 +23,7 @@ NETWORK_COLOUR = "#6E6E6E"
 
 
 def view_data(
-    phase: np.ndarray,
+    phase: np.ndarray | Volume,
     voxel_size_um: float,
     phases: Sequence[str] = (),
     network: Mapping[str, np.ndarray] | None = None,
@@ -32,8 +33,8 @@ def view_data(
 
     Parameters
     ----------
-    phase : ndarray of uint8, (z, y, x)
-        0 pore, 1…M minerals.
+    phase : ndarray of uint8, (z, y, x), or Volume
+        0 pore, 1…M minerals; an open volume file is read a few planes at a time.
     voxel_size_um : float
     phases : sequence of str
         Names; index 0 is the pore.
@@ -47,10 +48,10 @@ def view_data(
     dict
         ``traces`` (plotly), ``groups`` (trace group → name on its button), ``layout``; JSON throughout.
     """
-    minerals = [i for i in np.flatnonzero(voxel_counts(phase)) if i]
+    minerals = [int(i) for i in np.flatnonzero(voxel_counts(phase)) if i]
     while True:
         factor = max(1, -(-max(phase.shape) // edge))
-        meshes = [(int(i), *_surface(phase, i, factor)) for i in minerals]
+        meshes = [(i, *_surface(share)) for i, share in _shares(phase, minerals, factor).items()]
         if sum(len(f) for _, _, f in meshes) <= TRIANGLES or edge <= 12:
             break
         edge = int(0.85 * edge)
@@ -84,15 +85,26 @@ def view_data(
     return {"traces": traces, "groups": groups, "layout": layout}
 
 
-def _surface(phase: np.ndarray, mineral: int, factor: int) -> tuple[np.ndarray, np.ndarray]:
-    """Closed surface of a mineral averaged over blocks: vertices (n, 3) x, y, z in coarse voxels; faces."""
+def _shares(phase: np.ndarray | Volume, minerals: Sequence[int], factor: int) -> dict[int, np.ndarray]:
+    """Share of each mineral in blocks of so many voxels an edge; what is beyond the volume counts as pore."""
     blocks = [-(-n // factor) for n in phase.shape]
     beyond = [(0, b * factor - n) for b, n in zip(blocks, phase.shape, strict=True)]
-    share = np.empty(blocks)
-    for z in range(blocks[0]):
-        mask = phase[z * factor : (z + 1) * factor] == mineral
-        mask = np.pad(mask, [(0, factor - len(mask)), *beyond[1:]])
-        share[z] = mask.reshape(factor, blocks[1], factor, blocks[2], factor).mean((0, 2, 4))
+    shares = {i: np.empty(blocks, np.float32) for i in minerals}
+    layers = max(1, CHUNK // factor)  # as many planes as a file unpacks at once
+    for first in range(0, blocks[0], layers):
+        planes = phase[first * factor : (first + layers) * factor]
+        for layer in range(-(-len(planes) // factor)):
+            block = planes[layer * factor : (layer + 1) * factor]
+            block = np.pad(block, [(0, factor - len(block)), *beyond[1:]])
+            block = block.reshape(factor, blocks[1], factor, blocks[2], factor)
+            for i, share in shares.items():
+                share[first + layer] = (block == i).mean((0, 2, 4))
+    return shares
+
+
+def _surface(share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Closed surface of a mineral: vertices (n, 3) x, y, z in coarse voxels; faces."""
+    blocks = share.shape
     share = np.pad(share, 1)  # empty rim: the cut faces of the box close
     if not (share > 0.5).any():
         return np.zeros((0, 3)), np.zeros((0, 3), int)
