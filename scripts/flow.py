@@ -9,9 +9,10 @@ settings = snakemake.params.settings
 extraction, conductance = settings["network"], settings["flow"]["conductance"]
 
 with stage(snakemake) as progress:
-    phase, attributes = io.read_volume(snakemake.input.volume, "phase")
-    pore, voxel_size_um = volume.coarsen(phase == 0, attributes["voxel_size_um"], extraction["coarsen"])
-    del phase
+    with io.open_volume(snakemake.input.volume, "phase") as (phase, attributes):
+        pore, voxel_size_um = volume.read_pore_space(
+            phase, attributes["voxel_size_um"], extraction["coarsen"]
+        )
     found = network.load(snakemake.input.pores, snakemake.input.throats)
     tables = [
         flow.permeability(
@@ -21,6 +22,7 @@ with stage(snakemake) as progress:
             conductance="pyramids" if extraction["method"] == "snow2" else conductance,
             network=found,
             persistence=extraction["persistence"],
+            threads=snakemake.threads,
             progress=progress,
         )
         for method in settings["flow"]["methods"]

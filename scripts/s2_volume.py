@@ -6,4 +6,5 @@ from grainfall import correlation, io
 
 with stage(snakemake):
     phase, attributes = io.read_volume(snakemake.input.volume)
-    io.write_table(snakemake.output.s2, correlation.s2_volume(phase, attributes["voxel_size_um"]))
+    s2 = correlation.s2_volume(phase, attributes["voxel_size_um"], threads=snakemake.threads)
+    io.write_table(snakemake.output.s2, s2)

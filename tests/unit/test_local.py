@@ -120,6 +120,10 @@ class TestRock:
         pore[34:39, 5:9, 5:9] = True
         assert parted(pore)["x"][:2] == pytest.approx(without[:2], rel=1e-5)  # single precision
 
+    def test_threads_do_not_show(self):
+        once, again = (flow.permeability(rock(), 2.0, threads=n) for n in (1, 3))
+        assert again.drop(columns="wall_s").equals(once.drop(columns="wall_s"))
+
     def test_permeability_scales_with_the_square_of_the_voxel(self, rates):
         table, once = (flow.permeability(rock(), voxel_um).set_index("axis") for voxel_um in (3.0, 1.0))
         assert table["k_md"].tolist() == pytest.approx((9 * once["k_md"]).tolist(), rel=1e-9)

@@ -38,6 +38,12 @@ def test_every_measured_job_has_what_it_used_and_a_margin(power):
     assert asking.job("flow", {"Mvoxel": 1e-6}).runtime_min == needs.SHORTEST_MIN
 
 
+@pytest.mark.parametrize(("size", "threads"), [(0.01, 1), (4, 1), (6, 2), (20, 5), (1e4, needs.MOST_THREADS)])
+def test_long_jobs_are_given_threads(size, threads):
+    asking = needs.Needs(needs.hungriest(runs(lambda n: n, lambda n: 30 * n), {"flow": "Mvoxel"}))
+    assert asking.job("flow", {"Mvoxel": size}).threads == threads
+
+
 def test_of_jobs_of_a_size_the_hungriest_counts():
     jobs = pd.concat(
         [runs(lambda n: 300 * n, lambda n: 2 * n), runs(lambda n: 500 * n, lambda n: n), runs(abs, abs)]

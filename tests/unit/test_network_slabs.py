@@ -66,23 +66,6 @@ def test_distances_to_no_solid_are_none():
 # ---- the network
 
 
-def extract_by_slabs(pore, voxel_size_um, parts, **options):
-    """All the steps one after another."""
-    ends = [distance.solid_columns(pore[s.start : s.stop], s.start) for s in parts]
-    squared = [
-        distance.squared_distances(
-            pore[s.start : s.stop], s.start, *distance.nearest_columns(ends[:i][::-1], ends[i + 1 :])
-        )
-        for i, s in enumerate(parts)
-    ]
-    grown = [slabs.grow_basins(slabs.window_of(s, zip(parts, squared, strict=True)), s) for s in parts]
-    joined = slabs.join_slabs([graph for _, graph in grown], **options)
-    found = [slabs.find_throat_parts(field, join) for (field, _), join in zip(grown, joined, strict=True)]
-    asked, known = slabs.glue_slabs([graph for _, graph in found])
-    measured = [slabs.measure_slab(field, ask) for (field, _), ask in zip(found, asked, strict=True)]
-    return slabs.finish(known, measured, voxel_size_um)
-
-
 def assert_equal(found: dict[str, np.ndarray], expected: dict[str, np.ndarray]) -> None:
     """To the last bit."""
     assert list(found) == list(expected)
@@ -124,7 +107,7 @@ def test_whatever_the_slabs_the_network_is_that_of_the_volume(seed, shape, poros
     pore = medium(seed, shape, porosity, blur)
     whole = network.extract(pore, 2.0, persistence=persistence)
     parts = by_planes(pore, sorted(c for c in cuts if c < len(pore)))
-    assert_equal(extract_by_slabs(pore, 2.0, parts, persistence=persistence), whole)
+    assert_equal(slabs.extract_slabs(pore, 2.0, parts, persistence=persistence), whole)
 
 
 @pytest.mark.parametrize("porosity", [0.15, 0.35, 0.6, 0.9])
@@ -133,7 +116,7 @@ def test_networks_of_random_media(porosity, count):
     pore = medium(5, (61, 50, 47), porosity, 2.0)
     whole = network.extract(pore, 3.0)
     assert len(whole["throat.conns"]) > 100
-    assert_equal(extract_by_slabs(pore, 3.0, slabs.cut(pore.shape, count)), whole)
+    assert_equal(slabs.extract_slabs(pore, 3.0, slabs.cut(pore.shape, count)), whole)
 
 
 @pytest.mark.parametrize("name", shapes())
@@ -142,7 +125,7 @@ def test_networks_of_known_shapes(name, axis):
     pore = np.ascontiguousarray(np.swapaxes(shapes()[name][0], 0, axis))
     whole = network.extract(pore, 1.0)
     for count in (2, 5, len(pore)):
-        found = extract_by_slabs(pore, 1.0, evenly(pore, count))
+        found = slabs.extract_slabs(pore, 1.0, evenly(pore, count))
         assert_equal(found, whole)
     assert network.betti_numbers(found) == network.pore_betti_numbers(pore)[:2]
 
@@ -162,27 +145,27 @@ def test_ways_that_cross_many_slabs(along):
     for pore in (straight, snake, snake[::-1].copy()):
         whole = network.extract(pore, 1.0)
         for count in (2, 9, 60):
-            assert_equal(extract_by_slabs(pore, 1.0, evenly(pore, count)), whole)
+            assert_equal(slabs.extract_slabs(pore, 1.0, evenly(pore, count)), whole)
 
 
 @pytest.mark.parametrize("fill", [False, True])
 @pytest.mark.parametrize("shape", [(1, 1, 1), (6, 7, 8)])
 def test_nothing_to_partition(fill, shape, tmp_path):
     pore = np.full(shape, fill)
-    assert_equal(extract_by_slabs(pore, 1.0, slabs.cut(shape, 3)), network.extract(pore, 1.0))
+    assert_equal(slabs.extract_slabs(pore, 1.0, slabs.cut(shape, 3)), network.extract(pore, 1.0))
 
 
 def test_some_slabs_are_all_pore_or_all_solid():
     pore = medium(2, (40, 20, 20), 0.4, 1.5)
     pore[8:16], pore[24:32] = True, False
-    assert_equal(extract_by_slabs(pore, 1.0, evenly(pore, 5)), network.extract(pore, 1.0))
+    assert_equal(slabs.extract_slabs(pore, 1.0, evenly(pore, 5)), network.extract(pore, 1.0))
 
 
 def test_equal_networks_are_equal_files(tmp_path):
     pore = medium(3, (40, 30, 30), 0.4, 1.5)
     network.save(network.extract(pore, 2.5), tmp_path / "p1.csv", tmp_path / "t1.csv")
     network.save(
-        extract_by_slabs(pore, 2.5, slabs.cut(pore.shape, 4)), tmp_path / "p4.csv", tmp_path / "t4.csv"
+        slabs.extract_slabs(pore, 2.5, slabs.cut(pore.shape, 4)), tmp_path / "p4.csv", tmp_path / "t4.csv"
     )
     for kind in "pt":
         assert (tmp_path / f"{kind}4.csv").read_bytes() == (tmp_path / f"{kind}1.csv").read_bytes()
@@ -229,7 +212,7 @@ def test_slabs_are_cut_evenly_and_empty_ones_come_last():
 
 def test_more_slabs_than_planes_allow():
     pore = medium(8, (10, 20, 20), 0.4, 1.5)
-    assert_equal(extract_by_slabs(pore, 1.0, slabs.cut(pore.shape, 5)), network.extract(pore, 1.0))
+    assert_equal(slabs.extract_slabs(pore, 1.0, slabs.cut(pore.shape, 5)), network.extract(pore, 1.0))
 
 
 @pytest.mark.parametrize("coarsen", [1, 2, 3])

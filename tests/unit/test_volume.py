@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from skimage import measure
 
-from grainfall import volume
+from grainfall import io, volume
 from grainfall.errors import InputError
-from grainfall.volume import coarsen, measures
+from grainfall.volume import coarsen, measures, read_pore_space
 
 
 def library_of(*meshes, normalise=True):
@@ -416,6 +416,18 @@ def test_coarsening_takes_no_side(factor):
     assert coarse.mean() == pytest.approx(0.5, abs=4 * 0.5 / coarse.size**0.5)
     turned, _ = coarsen(pore.transpose(2, 0, 1), 1.0, factor)
     assert (turned == coarse.transpose(2, 0, 1)).all()
+
+
+@pytest.mark.parametrize("factor", [1, 2, 3])
+def test_pore_space_read_in_part_is_that_of_the_whole(factor, tmp_path):
+    phase = np.random.default_rng(2).integers(0, 3, (140, 12, 7), np.uint8)
+    with io.create_volume(tmp_path / "v.zarr.zip", phase.shape, {"phase": "uint8"}, 1.0, {}) as file:
+        file["phase"][:] = phase
+    with io.open_volume(tmp_path / "v.zarr.zip") as (stored, _):
+        found, voxel = read_pore_space(stored, 1.5, factor)
+    expected, as_long = coarsen(phase == 0, 1.5, factor)
+    assert np.array_equal(found, expected)
+    assert voxel == as_long
 
 
 def test_more_blocks_than_voxels_is_one_line():

@@ -273,6 +273,12 @@ def runtime(otherwise):
     return of
 
 
+def many_threads(wildcards, rulename):
+    """Threads of jobs that can use several: one more for every two minutes that such jobs have needed."""
+    known, _ = need(rulename, wildcards)
+    return known.threads if known else 1
+
+
 def settings(*keys):
     """A params function: these keys of the config as the rule's variant sees them."""
 

@@ -54,6 +54,7 @@ rule s2_volume:
         f"{TWIN}/benchmarks/s2_volume.tsv"
     conda:
         ENVS["analysis"]
+    threads: many_threads
     resources:
         mem_mb=memory(4000),
         runtime=runtime(30),

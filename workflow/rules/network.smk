@@ -15,6 +15,7 @@ rule network:
     cache: CACHEABLE
     conda:
         ENVS["analysis"]
+    threads: many_threads
     resources:
         mem_mb=memory(6000),
         runtime=runtime(60),
@@ -380,6 +381,7 @@ rule flow:
         f"{TWIN}/benchmarks/flow.tsv"
     conda:
         ENVS["analysis"]
+    threads: many_threads
     resources:
         mem_mb=memory(8000),
         runtime=runtime(120),

@@ -40,12 +40,20 @@ COARSENED = ("network", "flow")
 """How rules end that may work on blocks of voxels."""
 
 
+THREAD_S = 120
+"""CPU seconds that are worth a thread: less, and other jobs make better use of it."""
+
+MOST_THREADS = 8
+"""What more would gain is lost to what goes on in one thread."""
+
+
 @dataclass(frozen=True)
 class Need:
-    """What to ask for: memory in MB, time in minutes."""
+    """What to ask for: memory in MB, time in minutes, threads where a job can use more than one."""
 
     mem_mb: int
     runtime_min: int
+    threads: int
 
 
 class Needs:
@@ -83,7 +91,11 @@ class Needs:
         if per not in size:
             return None
         memory, seconds = (_carried(rows["size"], rows[used], size[per]) for used in ("mb", "s"))
-        return Need(math.ceil(memory / FULL), max(SHORTEST_MIN, math.ceil(SLOWER * seconds / 60)))
+        return Need(
+            math.ceil(memory / FULL),
+            max(SHORTEST_MIN, math.ceil(SLOWER * seconds / 60)),
+            min(MOST_THREADS, math.ceil(max(1.0, seconds) / THREAD_S)),
+        )
 
 
 def _carried(sizes: pd.Series, used: pd.Series, size: float) -> float:

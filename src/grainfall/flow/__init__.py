@@ -47,6 +47,7 @@ def permeability(
     conductance: str = "local",
     network: Network | None = None,
     persistence: float = PERSISTENCE,
+    threads: int = 1,
     progress: Callable[[str], None] | None = None,
 ) -> pd.DataFrame:
     """Permeability and formation factor along x, y and z.
@@ -76,6 +77,8 @@ def permeability(
         The pore network of the volume, if it is at hand; if it is needed and omitted, it is extracted.
     persistence : float
         Of the pores; see :func:`grainfall.network.extract`.
+    threads : int
+        Of the local solutions; the result does not depend on it.
     progress : callable, optional
         Told how a long solution goes, a line at a time.
 
@@ -102,7 +105,7 @@ def permeability(
         k_md, factor = kozeny_carman(pore, voxel_size_um)
         values = [(k_md, factor) if is_open else (0.0, np.nan) for is_open in percolates(pore)]
     elif method == "network":
-        values = _through_network(pore, voxel_size_um, conductance, network, persistence)
+        values = _through_network(pore, voxel_size_um, conductance, network, persistence, threads)
     share = (time.perf_counter() - begin) / 3
     rows = []
     for axis, name in enumerate(AXES):
@@ -117,14 +120,19 @@ def permeability(
 
 
 def _through_network(
-    pore: np.ndarray, voxel_size_um: float, conductance: str, network: Network | None, persistence: float
+    pore: np.ndarray,
+    voxel_size_um: float,
+    conductance: str,
+    network: Network | None,
+    persistence: float,
+    threads: int,
 ) -> list[tuple[float, float]]:
     size_um = voxel_size_um * np.array(pore.shape[::-1], float)
     if conductance == "local":
         parts = partition(pore, persistence=persistence)
         labels, found = parts.labels, find_interfaces(parts)
         del parts  # what else it holds is as large as all that follows
-        rates = local.solve(labels, found).values()
+        rates = local.solve(labels, found, threads).values()
         through = [(r.hydraulic * voxel_size_um**3, r.electrical * voxel_size_um) for r in rates]
     else:
         network = extract(pore, voxel_size_um, persistence=persistence) if network is None else network

@@ -19,6 +19,7 @@ are voxels, viscosity and conductivity 1.
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
@@ -94,7 +95,7 @@ class Throats(NamedTuple):
     centre: np.ndarray
 
 
-def solve(labels: np.ndarray, found: Interfaces) -> dict[str, Rates]:
+def solve(labels: np.ndarray, found: Interfaces, threads: int = 1) -> dict[str, Rates]:
     """Conductances of a volume between opposite faces, its other sides sealed.
 
     Parameters
@@ -102,6 +103,8 @@ def solve(labels: np.ndarray, found: Interfaces) -> dict[str, Rates]:
     labels : (nz, ny, nx) ndarray of int32
         Pore of each voxel from 1, 0 in the solid; see :func:`grainfall.network.partition`.
     found : Interfaces
+    threads : int
+        At work on pores; the result does not depend on it.
 
     Returns
     -------
@@ -110,7 +113,7 @@ def solve(labels: np.ndarray, found: Interfaces) -> dict[str, Rates]:
     """
     throats, ports = throat_ports(labels, found)
     pores = Pores(labels, throats)
-    sealed = pores.answers(ports, np.arange(pores.count))
+    sealed = pores.answers(ports, np.arange(pores.count), threads)
     rates = {}
     for axis in AXES:
         faces = face_ports(labels, image_axis(axis), len(throats.centre))
@@ -118,7 +121,8 @@ def solve(labels: np.ndarray, found: Interfaces) -> dict[str, Rates]:
         mine = np.isin(ports.pore, at_faces)
         both = _by_pore(*(np.concatenate([p[mine], f]) for p, f in zip(ports, faces, strict=True)))
         inner = ~np.isin(sealed.pore, at_faces)
-        answers = [Answers(*(values[inner] for values in sealed)), pores.answers(both, at_faces)]
+        opened = pores.answers(both, at_faces, threads)
+        answers = [Answers(*(values[inner] for values in sealed)), opened]
         hydraulic, imbalance = _between(answers, "hydraulic", throats, labels.shape)
         electrical, other = _between(answers, "electrical", throats, labels.shape)
         rates[axis] = Rates(hydraulic, electrical, max(imbalance, other))
@@ -194,6 +198,9 @@ class Answers(NamedTuple):
     electrical: np.ndarray
 
 
+NO_ANSWERS = Answers(*(np.zeros(0, kind) for kind in (np.int32, np.int32, np.int32, float, float)))
+
+
 class Pores:
     """The voxels of every pore and the mobilities of their faces."""
 
@@ -203,34 +210,35 @@ class Pores:
         self.count = int(labels.max())
         self.order, self.starts = _by_label(labels.reshape(-1), self.mobility.voxels, self.count)
 
-    def answers(self, ports: Ports, which: np.ndarray) -> Answers:
+    def answers(self, ports: Ports, which: np.ndarray, threads: int) -> Answers:
         """Conductances of each of the pores ``which`` that has two unknowns; others let nothing through."""
         mobility = self.mobility
         at_ports = _at_ports(self.labels.shape, mobility.voxels, mobility.lower, *mobility.upper, *ports[1:3])
-        found = []
-        for b, *ends in zip(which, *np.searchsorted(ports.pore, [which, which + 1]), strict=True):
-            mine = slice(*ends)
-            throats = np.unique(ports.throat[mine])
+
+        def answer(b: int, start: int, stop: int) -> Answers:
+            throats = np.unique(ports.throat[start:stop])
             unknowns = [np.arange(*self.throats.first[t : t + 2], dtype=np.int32) for t in throats]
-            if sum(map(len, unknowns)) < 2:
-                continue
+            count = np.array(list(map(len, unknowns)), int)
+            if count.sum() < 2:
+                return NO_ANSWERS
             own = self.order[self.starts[b] : self.starts[b + 1]]
             matrices = conductances(
                 self.labels,
                 mobility.voxels[own],
                 mobility.lower[own],
-                tuple(values[mine] for values in ports[1:]),
-                at_ports[mine],
+                tuple(values[start:stop] for values in ports[1:]),
+                at_ports[start:stop],
                 throats,
-                np.array([len(u) for u in unknowns]),
+                count,
             )
             unknowns = np.concatenate(unknowns)
             k = len(unknowns)
             whose = np.full(k * k, b, np.int32), np.repeat(unknowns, k), np.tile(unknowns, k)
-            found.append((*whose, *(m.ravel() for m in matrices)))
-        if not found:
-            return Answers(*(np.zeros(0, kind) for kind in (np.int32, np.int32, np.int32, float, float)))
-        return Answers(*map(np.concatenate, zip(*found, strict=True)))
+            return Answers(*whose, *(m.ravel() for m in matrices))
+
+        with ThreadPoolExecutor(threads) as pool:
+            found = pool.map(answer, which, *np.searchsorted(ports.pore, [which, which + 1]))
+            return Answers(*map(np.concatenate, zip(NO_ANSWERS, *found, strict=True)))
 
 
 @njit(cache=True)

@@ -5,7 +5,7 @@ pressures on the interfaces, and what their velocities dissipate; see :mod:`grai
 
 The potentials are found from coarse to fine: blocks of 2 x 2 x 2 voxels take one value, and so on, and what
 is found for them is a first guess that only has to be smoothed. All in single precision, :data:`AT_ONCE`
-sources at a time, and serial: the same bytes on any number of threads.
+sources at a time, and each pore by one thread: the same bytes on any number of them.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ def conductances(
     return back.T @ hydraulic @ back, back.T @ electrical @ back
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _bonds(near, lower):
     """Voxel beyond each face, n for none, and the conductances of the faces, 0 where there is none."""
     n = len(near)
@@ -104,7 +104,7 @@ def _bonds(near, lower):
     return link, bond
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _stencil(shape, voxels, port_voxel, port_way):
     """What lies beyond the six faces of each of the pore's voxels, whose flat indices rise."""
     nz, ny, nx = shape
@@ -150,7 +150,7 @@ def _potentials(place, near, link, bond, port, lanes, modes, k, close):
     return source
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _gathered(source, group, count):
     found = np.zeros((count + 1, source.shape[1]), np.float32)
     for i in range(len(group)):
@@ -159,7 +159,7 @@ def _gathered(source, group, count):
     return found
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _spread(x, group, side, link):
     """Values of blocks taken over by what they consist of, linearly between the blocks' centres."""
     n, width = len(group), x.shape[1]
@@ -175,7 +175,7 @@ def _spread(x, group, side, link):
     return found
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _coarsen(place, link, bond, own):
     """Blocks of 2 x 2 x 2: that of each voxel and, in three bits, the voxel's side of it; places of the
     blocks, their links, bonds and conductances to ports."""
@@ -212,7 +212,7 @@ def _coarsen(place, link, bond, own):
     return group, side, where, links, bonds, owns
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _sources(near, port, lanes, modes, k):
     n = len(near)
     width = AT_ONCE if k > AT_ONCE // 2 else AT_ONCE // 2
@@ -230,7 +230,7 @@ def _sources(near, port, lanes, modes, k):
     return own, source
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _factors(link, bond, own):
     n = len(link)
     diagonal, pivot = np.empty(n, np.float32), np.ones(n + 1, np.float32)
@@ -243,7 +243,7 @@ def _factors(link, bond, own):
     return diagonal, pivot
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _gradients(link, bond, diagonal, pivot, source, x, close):
     """Preconditioned conjugate gradients for sources (n + 1, lanes) from a first guess ``x``, in Eisenstat's
     form (1981): to solve with the two factors is all that an iteration does. Both are overwritten."""
@@ -315,7 +315,7 @@ def _gradients(link, bond, diagonal, pivot, source, x, close):
     return x
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _forward(link, bond, pivot, source, found):
     """Solution with the lower factor."""
     for i in range(len(link)):
@@ -326,7 +326,7 @@ def _forward(link, bond, pivot, source, found):
             found[i, m] = d * (source[i, m] + u * found[a, m] + v * found[b, m] + w * found[c, m])
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _powers(near, link, bond, port, lanes, modes, potentials):
     """Powers (k, k) of the potentials."""
     batches, _, width = potentials.shape
@@ -354,7 +354,7 @@ def _powers(near, link, bond, port, lanes, modes, potentials):
     return _symmetric(total, lanes)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _symmetric(total, lanes):
     """The upper half of a matrix, twice, without the lanes that fill up the batches."""
     k = lanes.max() + 1
@@ -365,7 +365,7 @@ def _symmetric(total, lanes):
     return found
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _residual(near, link, bond, port, lanes, modes, x, batch):
     """Of the potentials (n + 1, width) of a batch."""
     n, width = len(near), x.shape[1]
@@ -388,7 +388,7 @@ def _residual(near, link, bond, port, lanes, modes, x, batch):
     return rest
 
 
-@njit(cache=True, fastmath={"reassoc", "contract"})
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
 def _products(potentials, other, batch, sign, total):
     """Add to the columns of a batch the inner products of its lanes and earlier ones with its (n, width).
 
@@ -458,7 +458,7 @@ def _dissipated(
     return _symmetric(total, lanes)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _faces(near, bond, port):
     """Number (n, 6) of the open face on each side of each voxel, interfaces first, and conductance of each
     face; for none their number."""
@@ -481,7 +481,7 @@ def _faces(near, bond, port):
     return face, across
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _friction(labels, voxels, near, face, count):
     """Friction of each face with itself, and with those beside it: their numbers (count, 6) and shares."""
     own, share = np.zeros(count, np.float32), np.zeros((count, 6), np.float32)
@@ -507,7 +507,7 @@ def _friction(labels, voxels, near, face, count):
     return own, beside, share
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _pull(near, face, across, own, beside, share, lanes, modes, x, batch, total):
     """Power of friction at unit potentials, those of a batch driving the flow: (n + 1, width), and at the
     interfaces added to the batch's columns of the total."""
@@ -560,7 +560,7 @@ def _pull(near, face, across, own, beside, share, lanes, modes, x, batch, total)
     return pull
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _closed_beyond(labels, v, s, f):
     """Whether face f of the voxel beyond face s is closed, be it beyond the volume."""
     nz, ny, nx = labels.shape

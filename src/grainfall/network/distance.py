@@ -13,7 +13,6 @@ outside the image is no solid.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from numba import njit
@@ -76,8 +75,6 @@ def squared_distances(
     first_plane: int = 0,
     last_below: np.ndarray | None = None,
     first_above: np.ndarray | None = None,
-    *,
-    threads: int = 1,
 ) -> np.ndarray:
     """Squares of the distances to the nearest solid voxel of the whole volume.
 
@@ -89,8 +86,6 @@ def squared_distances(
         Its place in the volume.
     last_below, first_above : (ny, nx) array of int or None
         The nearest solid planes beyond the slab, as from :func:`nearest_columns`.
-    threads : int
-        At work on planes.
 
     Returns
     -------
@@ -112,11 +107,7 @@ def squared_distances(
     if nz == 0 or (away[0] == NONE).all():  # a column with solid anywhere knows it in every plane
         return np.zeros(pore.shape, np.uint16)
     squared = away.view(np.uint32)  # in its place
-    if threads > 1:
-        with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(_within_planes, np.array_split(away, threads), np.array_split(squared, threads)))
-    else:
-        _within_planes(away, squared)
+    _within_planes(away, squared)
     return squared.astype(np.uint16) if squared.max() < 2**16 else squared
 
 

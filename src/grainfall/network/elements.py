@@ -134,3 +134,60 @@ def betti_numbers(network: Network) -> tuple[int, int]:
     graph = coo_array((np.ones(len(i)), (i, j)), shape=(n, n))
     components = int(connected_components(graph, directed=False)[0]) if n else 0
     return components, int(np.count_nonzero(~network["throat.disc_bounding"])) - n + components
+
+
+def assemble(
+    pores: dict[str, np.ndarray],
+    throats: dict[str, np.ndarray],
+    openings: list[dict[str, np.ndarray]],
+    conns: np.ndarray,
+    disc: np.ndarray,
+    voxel_size_um: float,
+) -> Network:
+    """The network of what :mod:`grainfall.network.geometry` has measured, numbered as by :func:`measure`.
+
+    Parameters
+    ----------
+    pores, throats, openings
+        In voxels.
+    conns : (m, 2) array of int
+        Pores of each throat, from 0.
+    disc : (m,) array of bool
+        As in :class:`Interfaces`.
+    voxel_size_um : float
+    """
+    n = len(pores["coords"])
+    face = np.repeat(np.arange(6), [len(o["pore"]) for o in openings])
+    opening = {name: np.concatenate([o[name] for o in openings]) for name in openings[0]}
+    k = len(face)
+    axis, outward = face // 2, np.where(face % 2, 1, -1)
+    outside = opening["coords"].copy()
+    outside[np.arange(k), axis] += 0.5 * outward
+    nothing = np.zeros(k)
+    beyond = {
+        "coords": outside,
+        "volume": nothing,
+        "surface_area": nothing,
+        "inscribed_diameter": opening["inscribed_diameter"],
+        "extended_diameter": opening["inscribed_diameter"],
+        "equivalent_diameter": opening["equivalent_diameter"],
+        "shape_factor": opening["shape_factor"],
+    }
+    conns = np.concatenate([conns, np.stack([opening["pore"], n + np.arange(k)], axis=1)])
+    network: Network = {"throat.conns": conns.astype(np.int64)}
+    for name, values in pores.items():
+        network[f"pore.{name}"] = np.concatenate([values, beyond[name]])
+    for name, values in throats.items():
+        network[f"throat.{name}"] = np.concatenate([values, opening[name]])
+    ends = network["pore.coords"][conns]
+    halves = np.linalg.norm(ends - network["throat.coords"][:, None], axis=2)
+    network["throat.half_lengths"] = halves
+    network["throat.total_length"] = halves.sum(axis=1)
+    network["throat.direct_length"] = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    for name, power in LENGTH_POWER.items():
+        network[name] = network[name] * voxel_size_um**power
+    network["pore.boundary"] = np.arange(n + k) >= n
+    for number, name in enumerate(FACES):
+        network[f"pore.{name}"] = np.concatenate([np.zeros(n, bool), face == number])
+    network["throat.disc_bounding"] = np.concatenate([disc, np.zeros(k, bool)])
+    return network

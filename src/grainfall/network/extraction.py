@@ -7,9 +7,10 @@ from collections.abc import Callable
 import numpy as np
 
 from grainfall.errors import InputError
-from grainfall.network.elements import FACES, LENGTH_POWER, Network, empty
+from grainfall.network.elements import Network, assemble, empty
 from grainfall.network.geometry import measure_openings, measure_pores, measure_throats
 from grainfall.network.partition import PERSISTENCE, Partition, partition
+from grainfall.network.slabs import cut, extract_slabs
 from grainfall.network.snow import snow2
 from grainfall.network.topology import Interfaces, find_interfaces
 
@@ -20,6 +21,7 @@ def extract(
     method: str = "persistence",
     *,
     persistence: float = PERSISTENCE,
+    threads: int = 1,
     **options: object,
 ) -> Network:
     """Extract the pore network of a binary volume, with boundary pores on all six faces.
@@ -38,10 +40,11 @@ def extract(
     persistence : float
         For method persistence, in [0, 1): the share of its radius by which the way from a pore to a larger
         one must narrow, or it is part of that one.
+    threads : int
+        For method persistence; the network does not depend on it.
     **options
-        Passed to the method; persistence takes ``threads`` (1, of the distance transform), snow2 takes
-        ``sigma`` (0.4, blur of the distance map in voxels) and ``r_max`` (4, radius in voxels within which a
-        maximum must stand alone).
+        Passed to the method; snow2 takes ``sigma`` (0.4, blur of the distance map in voxels) and ``r_max``
+        (4, radius in voxels within which a maximum must stand alone).
 
     Returns
     -------
@@ -79,15 +82,19 @@ def extract(
     if pore.all() or not pore.any():
         return empty()
     if method == "persistence":
-        options["persistence"] = persistence
+        options |= {"persistence": persistence, "threads": threads}
     return METHODS[method](pore, float(voxel_size_um), **options)
 
 
 def by_persistence(
     pore: np.ndarray, voxel_size_um: float, *, persistence: float = PERSISTENCE, threads: int = 1
 ) -> Network:
-    """The network of :func:`grainfall.network.partition`, measured."""
-    parts = partition(pore, persistence=persistence, threads=threads)
+    """The network of :func:`grainfall.network.partition`, measured; by several threads, slab by slab."""
+    if threads > 1:
+        return extract_slabs(
+            pore, voxel_size_um, cut(pore.shape, threads), persistence=persistence, threads=threads
+        )
+    parts = partition(pore, persistence=persistence)
     return measure(parts, find_interfaces(parts), voxel_size_um)
 
 
@@ -99,63 +106,6 @@ def measure(parts: Partition, found: Interfaces, voxel_size_um: float) -> Networ
     """
     pores, throats = measure_pores(parts), measure_throats(parts, found)
     return assemble(pores, throats, measure_openings(parts), found.conns, found.disc, voxel_size_um)
-
-
-def assemble(
-    pores: dict[str, np.ndarray],
-    throats: dict[str, np.ndarray],
-    openings: list[dict[str, np.ndarray]],
-    conns: np.ndarray,
-    disc: np.ndarray,
-    voxel_size_um: float,
-) -> Network:
-    """The network of what :mod:`grainfall.network.geometry` has measured, numbered as by :func:`measure`.
-
-    Parameters
-    ----------
-    pores, throats, openings
-        In voxels.
-    conns : (m, 2) array of int
-        Pores of each throat, from 0.
-    disc : (m,) array of bool
-        As in :class:`Interfaces`.
-    voxel_size_um : float
-    """
-    n = len(pores["coords"])
-    face = np.repeat(np.arange(6), [len(o["pore"]) for o in openings])
-    opening = {name: np.concatenate([o[name] for o in openings]) for name in openings[0]}
-    k = len(face)
-    axis, outward = face // 2, np.where(face % 2, 1, -1)
-    outside = opening["coords"].copy()
-    outside[np.arange(k), axis] += 0.5 * outward
-    nothing = np.zeros(k)
-    beyond = {
-        "coords": outside,
-        "volume": nothing,
-        "surface_area": nothing,
-        "inscribed_diameter": opening["inscribed_diameter"],
-        "extended_diameter": opening["inscribed_diameter"],
-        "equivalent_diameter": opening["equivalent_diameter"],
-        "shape_factor": opening["shape_factor"],
-    }
-    conns = np.concatenate([conns, np.stack([opening["pore"], n + np.arange(k)], axis=1)])
-    network: Network = {"throat.conns": conns.astype(np.int64)}
-    for name, values in pores.items():
-        network[f"pore.{name}"] = np.concatenate([values, beyond[name]])
-    for name, values in throats.items():
-        network[f"throat.{name}"] = np.concatenate([values, opening[name]])
-    ends = network["pore.coords"][conns]
-    halves = np.linalg.norm(ends - network["throat.coords"][:, None], axis=2)
-    network["throat.half_lengths"] = halves
-    network["throat.total_length"] = halves.sum(axis=1)
-    network["throat.direct_length"] = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    for name, power in LENGTH_POWER.items():
-        network[name] = network[name] * voxel_size_um**power
-    network["pore.boundary"] = np.arange(n + k) >= n
-    for number, name in enumerate(FACES):
-        network[f"pore.{name}"] = np.concatenate([np.zeros(n, bool), face == number])
-    network["throat.disc_bounding"] = np.concatenate([disc, np.zeros(k, bool)])
-    return network
 
 
 METHODS: dict[str, Callable[..., Network]] = {"persistence": by_persistence, "snow2": snow2}

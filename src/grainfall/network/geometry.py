@@ -21,8 +21,8 @@ import numpy as np
 import skimage  # its parts load when they are first used
 from numba import njit
 
-from grainfall.network.partition import Partition, surroundings
-from grainfall.network.topology import Interfaces, grown
+from grainfall.network.partition import Partition, grown, surroundings
+from grainfall.network.topology import Interfaces
 
 CIRCLE = 1 / (4 * np.pi)
 """Shape factor of a circle, the largest there is."""
@@ -215,7 +215,7 @@ def _sections(radius: np.ndarray, area: np.ndarray, perimeter: np.ndarray) -> di
     }
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _normal(labels, z, y, x, axis, side):
     """Unit normal of the wall, into the solid, at a face of a pore voxel beyond which there is solid.
 
@@ -223,35 +223,50 @@ def _normal(labels, z, y, x, axis, side):
     (1, 3, 3, 1) across the face, (-1, 0, 1) and (1, 2, 1) along it. The image goes on beyond its faces.
     """
     nz, ny, nx = labels.shape
-    across, one, other = 0.0, 0.0, 0.0
-    for i in range(-1, 3):
-        smooth = 3.0 if 0 <= i < 2 else 1.0
-        slope = 1.0 if i > 0 else -1.0
-        for j in range(-1, 2):
-            for k in range(-1, 2):
-                if axis == 0:
-                    a, b, c = z + side * i, y + j, x + k
-                elif axis == 1:
-                    a, b, c = z + j, y + side * i, x + k
-                else:
-                    a, b, c = z + j, y + k, x + side * i
-                a, b, c = min(max(a, 0), nz - 1), min(max(b, 0), ny - 1), min(max(c, 0), nx - 1)
-                if labels[a, b, c] == 0:
-                    across += slope * (2 - abs(j)) * (2 - abs(k))
-                    one += smooth * j * (2 - abs(k))
-                    other += smooth * (2 - abs(j)) * k
+    across, one, other = 0, 0, 0
+    if 2 <= z < nz - 2 and 2 <= y < ny - 2 and 2 <= x < nx - 2:
+        flat = labels.reshape(-1)
+        over = side * (ny * nx if axis == 0 else nx if axis == 1 else 1)
+        along, beside = nx if axis == 0 else ny * nx, nx if axis == 2 else 1
+        v = (z * ny + y) * nx + x
+        for i in range(-1, 3):
+            smooth, slope = 3 if 0 <= i < 2 else 1, 1 if i > 0 else -1
+            for j in range(-1, 2):  # unsigned: numba need not ask whether it counts from the end
+                row = v + i * over + j * along
+                low = np.int64(flat[np.uint64(row - beside)] == 0)
+                high = np.int64(flat[np.uint64(row + beside)] == 0)
+                three = low + 2 * np.int64(flat[np.uint64(row)] == 0) + high
+                across += slope * (2 - abs(j)) * three
+                one += smooth * j * three
+                other += smooth * (2 - abs(j)) * (high - low)
+    else:
+        for i in range(-1, 3):
+            smooth, slope = 3 if 0 <= i < 2 else 1, 1 if i > 0 else -1
+            for j in range(-1, 2):
+                for k in range(-1, 2):
+                    if axis == 0:
+                        a, b, c = z + side * i, y + j, x + k
+                    elif axis == 1:
+                        a, b, c = z + j, y + side * i, x + k
+                    else:
+                        a, b, c = z + j, y + k, x + side * i
+                    a, b, c = min(max(a, 0), nz - 1), min(max(b, 0), ny - 1), min(max(c, 0), nx - 1)
+                    if labels[a, b, c] == 0:
+                        across += slope * (2 - abs(j)) * (2 - abs(k))
+                        one += smooth * j * (2 - abs(k))
+                        other += smooth * (2 - abs(j)) * k
     if across <= 0:  # a wall so thin that there is no telling how it lies
-        across, one, other = 1.0, 0.0, 0.0
+        across, one, other = 1, 0, 0
     length = np.sqrt(across**2 + one**2 + other**2)
-    across, one, other = side * across / length, one / length, other / length
+    p, q, r = side * across / length, one / length, other / length
     if axis == 0:
-        return across, one, other
+        return p, q, r
     if axis == 1:
-        return one, across, other
-    return one, other, across
+        return q, p, r
+    return q, r, p
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _wall(labels, z, y, x):
     """Area of the wall in a pore voxel."""
     area = 0.0
@@ -271,7 +286,7 @@ def _wall(labels, z, y, x):
     return area
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def find_peaks(labels, squared, start, stop, peak):
     """Number of voxels of every pore in some planes, and its highest there.
 
@@ -313,7 +328,7 @@ def find_peaks(labels, squared, start, stop, peak):
     return volume, owner[:count], voxels[:count], around[:count]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _nearest_to_mean(owner, places, around, n):
     """Of each owner's places the one nearest to their mean; of equals the one with most around it."""
     mean, count = np.zeros((n, 3)), np.zeros(n)
@@ -336,7 +351,7 @@ def _nearest_to_mean(owner, places, around, n):
     return nearest
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def measure_walls(labels, squared, start, stop, centre, later):
     """Area of the wall of every pore in some planes, and how far it reaches from its centre.
 
@@ -383,7 +398,7 @@ def measure_walls(labels, squared, start, stop, centre, later):
     return wall, reach, owner[:count], terms[:count]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def sum_faces(labels, squared, faces, owner, peak):
     """Vector area, number of faces, and the widest faces, of throats or their parts.
 
@@ -427,13 +442,13 @@ def sum_faces(labels, squared, faces, owner, peak):
     return vector, count, widest[:found], around[:found]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _side(here, there):
     """Sense of a face from the lower pore to the higher; a cut through a ring has no sides."""
     return 1 if here <= there else -1
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def measure_rims(labels, faces, owner, normals, later):
     """Length of the rim of every throat on the wall: the integral of its tangent along the rim's edges.
 
@@ -508,7 +523,7 @@ def measure_rims(labels, faces, owner, normals, later):
     return rim, owners[:count], terms[:count]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _patches(labels, axis, side, patches, squared, n):
     """Pore, area, rim, highest squared distance and its mean place for every patch on a face."""
     ny, nx = patches.shape
@@ -547,7 +562,7 @@ def _patches(labels, axis, side, patches, squared, n):
     return pore, area, rim, peak, mean
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _nearest_in_patches(patches, squared, peak, mean):
     """Of the highest pixels of every patch the one nearest to their mean."""
     spot, least = np.zeros((peak.size, 2)), np.full(peak.size, np.inf)

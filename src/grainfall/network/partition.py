@@ -43,7 +43,7 @@ class Partition:
     peaks: np.ndarray
 
 
-def partition(pore: np.ndarray, *, persistence: float = PERSISTENCE, threads: int = 1) -> Partition:
+def partition(pore: np.ndarray, *, persistence: float = PERSISTENCE) -> Partition:
     r"""Part the pore space at the necks of its distance map.
 
     From every pore voxel the way leads up the distance :math:`d` to the solid, to its highest neighbour by a
@@ -68,8 +68,6 @@ def partition(pore: np.ndarray, *, persistence: float = PERSISTENCE, threads: in
     persistence : float
         :math:`h` in [0, 1). 0 keeps every maximum that digitisation does not explain; towards 1 nothing that
         is connected is parted.
-    threads : int
-        For the distance transform; the result does not depend on it.
 
     Returns
     -------
@@ -80,9 +78,8 @@ def partition(pore: np.ndarray, *, persistence: float = PERSISTENCE, threads: in
     InputError
         When the parameter is out of its range.
     """
-    if not 0 <= persistence < 1:
-        raise InputError("network.persistence", f"{persistence} is out of range", "0 ≤ persistence < 1")
-    squared = squared_distances(pore, threads=threads)
+    check_persistence(persistence)
+    squared = squared_distances(pore)
     basins = find_basins(squared, 0, len(squared))
     tops = np.lexsort((-basins.around, -basins.heights))
     rank = np.zeros(len(tops) + 1, np.int32)
@@ -93,6 +90,12 @@ def partition(pore: np.ndarray, *, persistence: float = PERSISTENCE, threads: in
     number_voxels(basins.labels.reshape(-1), pores[rank])
     peaks = basins.tops[tops][np.unique(pores[1:], return_index=True)[1]]
     return Partition(basins.labels, squared, basins.tree, peaks)
+
+
+def check_persistence(persistence: float) -> None:
+    """Raise an InputError where a persistence is out of its range."""
+    if not 0 <= persistence < 1:
+        raise InputError("network.persistence", f"{persistence} is out of range", "0 ≤ persistence < 1")
 
 
 @dataclass(frozen=True)
@@ -181,10 +184,8 @@ def find_basins(squared: np.ndarray, start: int, stop: int) -> Basins:
     seeds = np.concatenate([beside[0], tops, beside[1]])
     numbers[seeds] = np.arange(1, len(seeds) + 1)
     _descend(shape, ways, numbers)
-    count = _find_saddles(flat, shape, start, stop, numbers)
-    faces, ends = np.empty(count, np.int64), np.empty((count, 2), np.int32)
-    saddles = Saddles(faces, ends, np.empty(count, np.int64), np.empty(count, np.int64))
-    _find_saddles(flat, shape, start, stop, numbers, faces, ends, saddles.heights, saddles.around)
+    faces, before, behind, *known = _find_saddles(flat, shape, start, stop, numbers)
+    saddles = Saddles(faces, np.stack([before, behind], axis=1), *known)
     return Basins(labels, tree, tops, flat[tops].astype(np.int64), around, saddles)
 
 
@@ -222,7 +223,7 @@ def join_trees(tree: np.ndarray, faces: np.ndarray) -> None:
     np.bitwise_or.at(tree.reshape(-1), faces // 3, bits)  # a voxel may stand before several faces
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def surroundings(squared, shape, v):
     """Weighted sum of the 5 x 5 x 5 values around a voxel, the image going on beyond its faces."""
     nz, ny, nx = shape
@@ -248,7 +249,15 @@ def surroundings(squared, shape, v):
     return total
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
+def grown(values):
+    """The values in an array twice as long."""
+    twice = np.empty(2 * values.size, values.dtype)
+    twice[: values.size] = values
+    return twice
+
+
+@njit(cache=True, nogil=True)
 def find_root(parent, i):
     """Root of i in a forest, halving the path to it."""
     while parent[i] != i:
@@ -257,7 +266,7 @@ def find_root(parent, i):
     return i
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def face_neighbours(v, nz, ny, nx, near):
     """Fill `near` (6,) with the voxels next to v along -z, +z, -y, +y, -x, +x; -1 beyond the volume."""
     plane = ny * nx
@@ -272,7 +281,7 @@ def face_neighbours(v, nz, ny, nx, near):
     near[5] = v + 1 if x < nx - 1 else -1
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _ascend(squared, shape, start, stop, tree):
     """Draw the way up from every voxel of some planes, and note it (1 ... 6, maxima 7) above the tree's bits.
 
@@ -309,7 +318,7 @@ def _ascend(squared, shape, start, stop, tree):
     return tops
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _find_tops(squared, shape, tree, tops, around):
     count = 0
     for v in range(tree.size):
@@ -318,7 +327,7 @@ def _find_tops(squared, shape, tree, tops, around):
             count += 1
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _descend(shape, tree, labels):
     """Give every voxel the label of the maximum above it, and wipe the ways up."""
     steps = np.array([0, -shape[1] * shape[2], shape[1] * shape[2], -shape[2], shape[2], -1, 1])
@@ -336,13 +345,13 @@ def _descend(shape, tree, labels):
         tree[v] &= np.uint8(7)
 
 
-@njit(cache=True)
-def _find_saddles(squared, shape, start, stop, labels, faces=None, ends=None, heights=None, around=None):
-    """Faces between two basins, without those beside a higher one of the same; how many there are.
-
-    If asked for, which, as :class:`Saddles` has them.
-    """
+@njit(cache=True, nogil=True)
+def _find_saddles(squared, shape, start, stop, labels):
+    """Faces between two basins, without those beside a higher one of the same, as :class:`Saddles` has them,
+    the basins before and behind one after the other."""
     nz, ny, nx = shape
+    faces, before, behind = np.empty(1024, np.int64), np.empty(1024, np.int32), np.empty(1024, np.int32)
+    heights, around = np.empty(1024, np.int64), np.empty(1024, np.int64)
     steps = (ny * nx, nx, 1)
     count, v = 0, start * ny * nx - 1
     for z in range(start, stop):
@@ -368,22 +377,24 @@ def _find_saddles(squared, shape, start, stop, labels, faces=None, ends=None, he
                             passed |= _saddle(squared, v + step, w + step) > height
                     if passed:
                         continue
-                    if faces is not None:
-                        faces[count], heights[count] = 3 * v + axis, height
-                        ends[count, 0], ends[count, 1] = labels[v], labels[w]
-                        around[count] = surroundings(squared, shape, v) + surroundings(squared, shape, w)
+                    if count == faces.size:
+                        faces, before, behind = grown(faces), grown(before), grown(behind)
+                        heights, around = grown(heights), grown(around)
+                    faces[count], heights[count] = 3 * v + axis, height
+                    before[count], behind[count] = labels[v], labels[w]
+                    around[count] = surroundings(squared, shape, v) + surroundings(squared, shape, w)
                     count += 1
-    return count
+    return faces[:count], before[:count], behind[:count], heights[:count], around[:count]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _saddle(squared, v, w):
     """Height of the face between two voxels: the lower one's distance, then the higher one's."""
     low, high = np.int64(min(squared[v], squared[w])), np.int64(max(squared[v], squared[w]))
     return (low << 32) + high
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _cancel(tops, ends, lows, share):
     """Join basins across the saddles, in this order, whose lower maximum does not persist.
 
@@ -410,13 +421,13 @@ def _cancel(tops, ends, lows, share):
     return basin, joined
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def number_voxels(labels, number):
     """Replace labels by their numbers, in place."""
     for i in range(labels.size):
         labels[i] = number[labels[i]]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _join(tree, v, w, axis):
     tree[min(v, w)] |= np.uint8(1 << axis)

@@ -34,6 +34,7 @@ The first two are of :mod:`grainfall.network.distance`. Why nothing depends on w
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
 from typing import TypeAlias
 
@@ -41,8 +42,8 @@ import numpy as np
 from numba import njit
 
 from grainfall import volume
-from grainfall.network.elements import Network, empty
-from grainfall.network.extraction import assemble
+from grainfall.network.distance import nearest_columns, solid_columns, squared_distances
+from grainfall.network.elements import Network, assemble, empty
 from grainfall.network.geometry import (
     FACES_OUT,
     centres,
@@ -62,6 +63,7 @@ from grainfall.network.partition import (
     PERSISTENCE,
     Partition,
     Saddles,
+    check_persistence,
     find_basins,
     find_root,
     join_basins,
@@ -76,6 +78,44 @@ Arrays: TypeAlias = Mapping[str, np.ndarray]
 BEFORE, BEHIND = 3, 4
 """Planes of other slabs that a slab is looked at with: what is around the neighbours of its voxels and, as
 the edges to the plane behind are its own, around those of that plane's voxels."""
+
+
+def extract_slabs(
+    pore: np.ndarray,
+    voxel_size_um: float,
+    parts: Sequence[Slab],
+    *,
+    persistence: float = PERSISTENCE,
+    threads: int = 1,
+) -> Network:
+    """All the steps, on a volume that is there as a whole.
+
+    Parameters
+    ----------
+    pore : (nz, ny, nx) array of bool
+        True in the pore space.
+    voxel_size_um : float
+    parts : sequence of Slab
+        All of them, in order.
+    persistence : float
+        As for :func:`grainfall.network.partition`.
+    threads : int
+        Slabs that are worked on at a time.
+    """
+    check_persistence(persistence)
+    with ThreadPoolExecutor(threads) as pool:
+        planes = [pore[slab.start : slab.stop] for slab in parts]
+        starts = [slab.start for slab in parts]
+        columns = list(pool.map(solid_columns, planes, starts))
+        beyond = [nearest_columns(columns[:i][::-1], columns[i + 1 :]) for i in range(len(parts))]
+        squared = list(pool.map(squared_distances, planes, starts, *zip(*beyond, strict=True)))
+        windows = [window_of(slab, zip(parts, squared, strict=True)) for slab in parts]
+        del squared
+        fields, graphs = zip(*pool.map(grow_basins, windows, parts), strict=True)
+        joined = join_slabs(graphs, persistence)
+        fields, graphs = zip(*pool.map(find_throat_parts, fields, joined), strict=True)
+        asked, known = glue_slabs(graphs)
+        return finish(known, list(pool.map(measure_slab, fields, asked)), voxel_size_um)
 
 
 @dataclass(frozen=True)
@@ -231,7 +271,7 @@ def grow_basins(squared: np.ndarray, slab: Slab) -> tuple[Arrays, Arrays]:
     return {"slab": np.array(slab)} | field, graph
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _forest(ends, count):
     """Which edges, in this order, close no circle of earlier ones."""
     parent = np.arange(count + 1)
@@ -574,7 +614,7 @@ def finish(known: Arrays, measured: Sequence[Arrays], voxel_size_um: float) -> N
     return assemble(pores, throats, openings, known["conns"], known["disc"], voxel_size_um)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _add_in_order(sums, owner, terms):
     for i in range(owner.size):
         sums[owner[i]] += terms[i]

@@ -30,7 +30,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from grainfall.network.partition import Partition, face_neighbours, find_root
+from grainfall.network.partition import Partition, face_neighbours, find_root, grown
 from grainfall.volume.measures import euler_number
 
 CHUNK = 1 << 16
@@ -130,7 +130,7 @@ def number_throats(ends: np.ndarray, relations: np.ndarray) -> tuple[np.ndarray,
     return final, first, (disc & ~cut)[1:][first]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _pieces_of_one(relations, cut):
     """First class of the throat of every class: pieces of interface are one where only cuts part them."""
     parent = np.arange(cut.size, dtype=np.int32)
@@ -148,7 +148,7 @@ def _pieces_of_one(relations, cut):
     return parent
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _slot(table, keys, key):
     """Place of a key in an open-addressing table of positions in `keys`, or the empty place for it."""
     mask = table.size - 1
@@ -159,7 +159,7 @@ def _slot(table, keys, key):
     return i
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _enter(keys, count, size):
     """A table with the first `count` keys."""
     table = np.full(size, -1, np.int32)
@@ -168,7 +168,7 @@ def _enter(keys, count, size):
     return table
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _reduce(terms, count):
     """Sum over Z2 of `count` classes in place: sorted, pairs and zeros gone; returns how many are left."""
     for i in range(1, count):
@@ -277,7 +277,7 @@ def longer(values: np.ndarray) -> np.ndarray:
     return np.concatenate([values, np.zeros_like(values)])
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _sort_falling(squared, order):
     """Indices of the positive values by falling value, ties by index: a counting sort of whole numbers."""
     largest = np.int64(squared.max())
@@ -293,7 +293,7 @@ def _sort_falling(squared, order):
             start[largest - value] += 1
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _sweep(squared, order, tree, shape, keys, classes, table, parent, birth, relations, recent, at):
     """Sweep the filtration on from `at` (voxels swept, faces, classes, relations): whether it is finished.
 
@@ -433,7 +433,7 @@ def _sweep(squared, order, tree, shape, keys, classes, table, parent, birth, rel
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _unite(parent, relations):
     """Unite classes by the relations until none is of fewer than three; returns how many relations are left.
 
@@ -464,15 +464,7 @@ def _unite(parent, relations):
     return related
 
 
-@njit(cache=True)
-def grown(values):
-    """The values in an array twice as long."""
-    twice = np.empty(2 * values.size, values.dtype)
-    twice[: values.size] = values
-    return twice
-
-
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _push(heap, size, value):
     if size == heap.size:
         heap = grown(heap)
@@ -484,7 +476,7 @@ def _push(heap, size, value):
     return heap, size + 1
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _pop(heap, size):
     """Drop the largest value of the heap."""
     size -= 1
@@ -504,7 +496,7 @@ def _pop(heap, size):
     return size
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _pop_odd(heap, size):
     """Take out the largest value that is there an odd number of times (pairs cancel), 0 if none is, and the
     size left."""
@@ -517,7 +509,7 @@ def _pop_odd(heap, size):
     return np.int32(0), size
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _ended(relations, count):
     """Classes 0 ... `count`, the older the lower, that the relations end: (count + 1,) bool.
 
@@ -575,7 +567,7 @@ def pore_betti_numbers(pore: np.ndarray) -> tuple[int, int, int]:
     return components, components + cavities - euler_number(pore), cavities
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _count_pieces(image, value, corners):
     """Pieces of the voxels of a value, by faces or by corners too; the latter with what lies outside.
 

@@ -1,7 +1,7 @@
 """Volume: bodies become voxels; porosity, topology and contacts of the result; cement; exports."""
 
 from grainfall.volume.cement import as_minerals, cement, grow_rims
-from grainfall.volume.coarsen import coarse_shape, coarsen
+from grainfall.volume.coarsen import coarse_shape, coarsen, read_pore_space
 from grainfall.volume.correction import correct_porosity
 from grainfall.volume.export import export_metaimage, export_raw, export_vti
 from grainfall.volume.finish import finish, make_room, write_twin
@@ -26,6 +26,7 @@ __all__ = [
     "make_room",
     "packed_porosity",
     "porosity",
+    "read_pore_space",
     "voxelise",
     "voxelise_slabs",
     "write_twin",

@@ -6,6 +6,7 @@ import numpy as np
 import skimage  # its parts load when they are first used
 
 from grainfall.errors import InputError
+from grainfall.io import CHUNK, Volume
 
 
 def coarsen(
@@ -58,3 +59,30 @@ def coarse_shape(shape: tuple[int, int, int], factor: int) -> tuple[int, ...]:
         shown = " x ".join(map(str, shape))
         raise InputError("network.coarsen", f"{factor} is more than a volume of {shown} has", "a smaller one")
     return tuple(n // factor for n in shape)
+
+
+def read_pore_space(
+    phase: np.ndarray | Volume, voxel_size_um: float, factor: int = 1
+) -> tuple[np.ndarray, float]:
+    """Pore space of a volume of phases, read a few planes at a time, and coarsened.
+
+    Parameters
+    ----------
+    phase : (nz, ny, nx) array of int, or Volume
+        0 in the pores.
+    voxel_size_um, factor
+        As for :func:`coarsen`.
+
+    Returns
+    -------
+    pore, voxel_size_um
+        As of :func:`coarsen`.
+    """
+    shape = coarse_shape(phase.shape, factor)
+    pore = np.empty(shape, bool)
+    planes = max(1, CHUNK // factor)
+    for first in range(0, shape[0], planes):
+        last = min(first + planes, shape[0])
+        block = np.asarray(phase[first * factor : last * factor]) == 0
+        pore[first:last], _ = coarsen(block, voxel_size_um, factor, first)
+    return pore, voxel_size_um * factor
