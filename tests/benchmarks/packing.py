@@ -146,7 +146,7 @@ def ellipsoids(case: Case, seed: int) -> dict:
 
 def two_sizes(case: Case, seed: int, ratio: int = 4) -> dict:
     """Two sizes of spheres, 1 : 4; the core 1.5 coarse, that is 6 fine diameters from the walls."""
-    roi, margin = (2.0, 1.5) if case.engine == "physx" else (1.5, 1.0)
+    roi, margin = 2.0, 1.5 if case.engine == "physx" else 1.0
     rng = np.random.default_rng(seed)
     fines = (1 - case.coarse_share) * ratio**3  # numbers are as volume over volume of one
     coarse = rng.random(20000) < case.coarse_share / (case.coarse_share + fines)
@@ -412,7 +412,7 @@ def write(out: Path, runs: pd.DataFrame) -> pd.DataFrame:
 
     table = summarise(runs)
     io.write_table(out, table)
-    save_figure(figure(table), out.with_suffix(".png"))
+    save_figure(figure(table), out.with_suffix(".svg"))
     return table
 
 

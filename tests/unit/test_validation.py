@@ -7,11 +7,12 @@ import pandas as pd
 import pytest
 import yaml
 
+from grainfall import io
 from grainfall.report.claims import NOT_SHOWN, OPEN, SHOWN, claims, row_of
 from grainfall.report.paper_figures import FIGURES
 from grainfall.report.tables import t_interval
 from grainfall.report.validation import COLUMNS, PAPER, aggregate, berea_slices, describe, slice_porosities
-from grainfall.report.validation_page import cases_in_words
+from grainfall.report.validation_page import build_validation, cases_in_words
 
 
 def figures(values, case="stereology", variant="full", quantity="k_ratio", truth=1.0):
@@ -129,3 +130,21 @@ def test_the_size_bias_is_judged_by_intervals():
     assert judged({"a": [0.5], "b": [0.51], "c": [0.49]}).status == SHOWN
     assert judged({"a": [0.8]}).status == OPEN
     assert "CV 0.1: 0.8" in judged({"a": [0.8]}).ours
+
+
+def test_the_page_shows_the_benchmarks_whose_tables_are_there(tmp_path):
+    rows = [
+        {"scene": "all_at_<b>", "engine": "bullet", "verdict": "works", "overlap": 0.0123},
+        {"scene": "pixel", "engine": "-", "verdict": "refused"},
+    ]
+    io.write_table(tmp_path / "benchmarks/hard_cases.csv", pd.DataFrame(rows))
+    spheres = {"case": "spheres", "solid_fraction": 0.6372, "lower": 0.631, "upper": 0.6438, "z": 6.0}
+    io.write_table(tmp_path / "benchmarks/packing_physics.csv", pd.DataFrame([spheres]))
+    build_validation(tmp_path, aggregate(figures({})), tmp_path / "page.html", {})
+    page = (tmp_path / "page.html").read_text()
+    assert "<td>all at &lt;b&gt;</td>" in page
+    assert "<td>0.0123</td>" in page
+    assert "<td>0.637 (0.631 to 0.644)</td>" in page
+    assert "<td>6</td>" in page
+    assert "nan" not in page.lower()
+    assert 'id="packing_speed"' not in page

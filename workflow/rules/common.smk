@@ -457,14 +457,24 @@ def known_cases():
     }
 
 
+def ages(found):
+    """Files with their ages. No input: a page of what there is asks for nothing."""
+    return {str(path): path.stat().st_mtime_ns for path in sorted(found)}
+
+
+def benchmarks_so_far(wildcards):
+    """Tables of benchmarks, for a page to show."""
+    return ages(Path("results/benchmarks").glob("*.csv"))
+
+
 def come_so_far(wildcards):
-    """What is there to be gathered, with its age. No input: a page of what there is asks for no twin."""
+    """What is there of the cases to be gathered."""
     found = [
         *Path("results").glob("*/*/*/metrics.csv"),
         *Path("results").glob("cv_sweep/*/*.csv"),
         *Path("results").glob("*/tomogram/reference_flow.csv"),
     ]
-    return {str(path): path.stat().st_mtime_ns for path in sorted(found)}
+    return ages(found)
 
 
 def twins_of_case(wildcards):

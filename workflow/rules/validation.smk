@@ -133,6 +133,7 @@ rule validation_page:
         runtime=15,
     params:
         cases=known_cases(),
+        benchmarks=benchmarks_so_far,
         science=science("report"),
     script:
         "../../scripts/validation_page.py"

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pandas as pd
 import yaml
-from jinja2 import Environment, PackageLoader, select_autoescape
+from jinja2 import Environment, PackageLoader
 
 from grainfall import __version__, io
 from grainfall.report.claims import claims
@@ -18,11 +18,18 @@ from grainfall.report.tables import number
 from grainfall.report.validation import describe
 
 _WORDS = Path(__file__).with_name("templates") / "validation.yaml"
+_BENCHMARKS = _WORDS.with_name("benchmarks.yaml")
 
 
 def cases_in_words() -> dict[str, dict]:
     """Of each case, in the order of the page: title, done, differs (optional), figures."""
     return yaml.safe_load(_WORDS.read_text(encoding="utf-8"))
+
+
+def benchmarks_in_words() -> dict[str, dict]:
+    """Of each benchmark that the page shows: title, done, command, columns (heading to column, or to those of
+    a mean and the ends of its interval)."""
+    return yaml.safe_load(_BENCHMARKS.read_text(encoding="utf-8"))
 
 
 def build_validation(
@@ -33,6 +40,7 @@ def build_validation(
     Parameters
     ----------
     results : path
+        The tables of benchmarks that lie in it are shown, too.
     table : DataFrame
         As :func:`grainfall.report.validation.validation_table` gives it.
     out : path
@@ -41,7 +49,7 @@ def build_validation(
     """
     environment = Environment(
         loader=PackageLoader("grainfall.report"),
-        autoescape=select_autoescape(),
+        autoescape=True,
         trim_blocks=True,
         lstrip_blocks=True,
     )
@@ -65,6 +73,7 @@ def build_validation(
         )
     page = environment.get_template("validation.html.j2").render(
         parts=parts,
+        benchmarks=_benchmarks(Path(results) / "benchmarks"),
         shown={part["case"] for part in parts},
         claims=every,
         overview=_figure("permeability", drawn.get("permeability")),
@@ -88,6 +97,27 @@ def _row(row: Mapping) -> dict:
         "unit": "" if known.unit == "1" else known.unit,
         "interval": interval,
     }
+
+
+def _benchmarks(folder: Path) -> list[dict]:
+    found = []
+    for name, said in benchmarks_in_words().items():
+        table, drawn = folder / f"{name}.csv", folder / f"{name}.svg"
+        if table.exists():
+            rows = io.read_table(table).to_dict("records")
+            cells = [[_cell(row, columns) for columns in said["columns"].values()] for row in rows]
+            image = data_uri(drawn) if drawn.exists() else None
+            found.append({"name": name, **said, "rows": cells, "image": image})
+    return found
+
+
+def _cell(row: Mapping, columns: str | list[str]) -> str:
+    """A value, with its interval where there is one; nothing where it was not measured."""
+    value, *ends = (row.get(c) for c in ([columns] if isinstance(columns, str) else columns))
+    if isinstance(value, str):
+        return value.replace("_", " ")
+    lower, upper = map(number, ends or (None, None))
+    return number(value) + (f" ({lower} to {upper})" if lower else "")
 
 
 def _figure(name: str, path: Path | None) -> dict:
