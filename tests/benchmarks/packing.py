@@ -145,7 +145,7 @@ def ellipsoids(case: Case, seed: int) -> dict:
 
 
 def two_sizes(case: Case, seed: int, ratio: int = 4) -> dict:
-    """Two sizes of spheres, 1 : 4; the core 1.5 coarse, that is 6 fine diameters from the walls."""
+    """Two sizes of spheres, 1 : 4; the core 1.5 coarse (Bullet 1), 6 fine (4) diameters from walls."""
     roi, margin = 2.0, 1.5 if case.engine == "physx" else 1.0
     rng = np.random.default_rng(seed)
     fines = (1 - case.coarse_share) * ratio**3  # numbers are as volume over volume of one
@@ -293,7 +293,7 @@ def summarise(runs: pd.DataFrame) -> pd.DataFrame:
 SMALLER = {
     "spheres": ", core 3 diameters wide instead of 4.5",
     "ellipsoids": ", core 2.5 diameters wide instead of 4",
-    "two_sizes": ", core 1.5 coarse diameters wide instead of 2, 1 (4 fine) from walls instead of 1.5",
+    "two_sizes": ", core 1 coarse diameter (4 fine) from walls instead of 1.5",
 }
 """How Bullet's beds are reduced."""
 
