@@ -82,7 +82,7 @@ CASES = (
     *(Case("spheres", friction=mu) for mu in FRICTIONS),
     *(Case("spheres", "bullet", mu, seeds=1) for mu in FRICTIONS),
     *(Case("poured", friction=mu) for mu in (0.3, 1.0)),
-    *(Case("heap", friction=mu) for mu in HEAPS),
+    *(Case("heap", friction=mu, seeds=20) for mu in HEAPS),
     *(Case("heap", "bullet", mu, seeds=1) for mu in HEAPS),
     Case("rest"),
     Case("rest", "bullet", seeds=1),
@@ -422,7 +422,7 @@ def main() -> None:
     )
     options.add_argument("--only", nargs="+", choices=list(MEASURES), default=list(MEASURES))
     options.add_argument("--engines", nargs="+", default=["physx", "bullet"])
-    options.add_argument("--seeds", type=int, default=5, help="most seeds of a case")
+    options.add_argument("--seeds", type=int, default=20, help="most seeds of a case")
     options.add_argument("--out", type=Path, default=Path("results/benchmarks/packing_physics.csv"))
     given = options.parse_args()
     given.out.parent.mkdir(parents=True, exist_ok=True)

@@ -6,7 +6,7 @@ The process is pinned to one core. Engines of this project deposit the grains of
 sleep criterion (below 0.01 for 300 steps) in a box as wide as the bed is high, as the region of a twin asks
 for, and then bring them all to rest together, which the criterion does not ask for. The plain loop is what
 one writes without a package: all grains in layers in the same box, pybullet's defaults, steps until all have
-been still for as long.
+been still for as long. YADE's polyhedra, where it is installed, start alike; they are given ten minutes.
 
 Columns: engine, n_grains, hull_vertices, wall_s, cpu_s (wall time is another's on a shared machine),
 pour_cpu_s (to the sleep criterion; what else cpu_s has is the final rest), settled (share of the grains, by
@@ -17,9 +17,13 @@ fitted to pour_cpu_s and cpu_s, are written in the note of an engine's last row.
 from __future__ import annotations
 
 import argparse
-import importlib.util
+import json
 import os
+import shutil
+import subprocess
+import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -73,6 +77,14 @@ def this_project(engine: str, n: int, library: Library, rng: np.random.Generator
     }
 
 
+def layers(n: int, kinds: int, rng: np.random.Generator) -> Iterator[tuple[list, np.ndarray, int]]:
+    """Place, quaternion and shape of grains in layers over the cross-section of a box."""
+    across = int(2 * width(n) // 2.8)
+    for k in range(n):
+        place = [1.4 + 2.8 * (k % across), 1.4 + 2.8 * (k // across % across), 2 + 2.8 * (k // across**2)]
+        yield place, random_quaternion(rng), int(rng.integers(kinds))
+
+
 def plain_pybullet(n: int, library: Library, rng: np.random.Generator, most_steps: int = 6000) -> dict:
     """All grains at once, in layers over the same cross-section, pybullet's defaults but for friction."""
     import pybullet as bullet
@@ -96,13 +108,10 @@ def plain_pybullet(n: int, library: Library, rng: np.random.Generator, most_step
         )
         for s in shapes
     ]
-    across = int(side // 2.8)
-    for k in range(n):
-        place = [1.4 + 2.8 * (k % across), 1.4 + 2.8 * (k // across % across), 2 + 2.8 * (k // across**2)]
-        w, x, y, z = random_quaternion(rng)
+    for place, (w, x, y, z), shape in layers(n, len(hulls), rng):
         body = bullet.createMultiBody(
             2.6 * 4 / 3 * np.pi,
-            hulls[int(rng.integers(len(hulls)))],
+            hulls[shape],
             basePosition=place,
             baseOrientation=[x, y, z, w],
             physicsClientId=client,
@@ -141,6 +150,34 @@ def plain_pybullet(n: int, library: Library, rng: np.random.Generator, most_step
     }
 
 
+def yade(n: int, library: Library, rng: np.random.Generator, limit_s: float = 600.0) -> dict:
+    """The same layers as polyhedra in YADE, at most for so long."""
+    shapes = collision_shapes(library, range(len(library.vertices)), Parameters(hull_vertices=HULL_VERTICES))
+    places, quaternions, kinds = zip(*layers(n, len(shapes), rng), strict=True)
+    job = {
+        "side": 2 * width(n),
+        "hulls": [shapes[s].parts[0].tolist() for s in shapes],
+        "places": places,
+        "quaternions": [q.tolist() for q in quaternions],
+        "shapes": kinds,
+        "sleep_speed": SLEEP_SPEED,
+        "sleep_s": SLEEP_STEPS * Parameters().dt,
+        "limit_s": limit_s,
+    }
+    with tempfile.TemporaryDirectory() as folder:
+        files = {"GRAINS": f"{folder}/job.json", "SETTLED": f"{folder}/out.json"}
+        Path(files["GRAINS"]).write_text(json.dumps(job))
+        script = Path(__file__).with_name("yade_polyhedra.py")
+        # it warns of every pair that touches
+        subprocess.run(
+            ["yade", "-n", "-x", "-j1", script], env=os.environ | files, check=True, capture_output=True
+        )
+        found = json.loads(Path(files["SETTLED"]).read_text())
+    simulated_s, cpu_s = found.pop("simulated_s"), found["cpu_s"]
+    note = f"{simulated_s:.1f} s simulated" + (", stopped at its limit" if cpu_s >= limit_s else "")
+    return {"n_grains": n, "note": note} | found
+
+
 def timed(engine: str, work, *arguments) -> dict:
     """A row: the work's own figures, wall and processor time."""
     wall, cpu = time.perf_counter(), time.process_time()
@@ -173,6 +210,7 @@ def main() -> None:
     options.add_argument(
         "--plain", type=int, nargs="*", default=[200, 1000], help="numbers for the plain loop"
     )
+    options.add_argument("--yade", type=int, default=20, help="number for YADE's polyhedra")
     options.add_argument("--out", type=Path, default=Path("results/benchmarks/packing_speed.csv"))
     given = options.parse_args()
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
@@ -194,7 +232,9 @@ def main() -> None:
                 slope = f"pouring grows as n^{pouring:.2f}, with the final rest n^{all_of_it:.2f}"
                 row["note"] = "; ".join(filter(None, (row["note"], slope)))
             keep(row)
-    if importlib.util.find_spec("yade") is None:
+    if shutil.which("yade"):
+        keep(timed("YADE polyhedra", yade, given.yade, library, np.random.default_rng(1)))
+    else:
         note = "skipped: not installed (apt: yade)"
         keep({"engine": "YADE polyhedra", "hull_vertices": HULL_VERTICES, "note": note})
     print(pd.DataFrame(rows).to_string())
