@@ -9,9 +9,10 @@ one writes without a package: all grains in layers in the same box, pybullet's d
 been still for as long. YADE's polyhedra, where it is installed, start alike; they are given ten minutes.
 
 Columns: engine, n_grains, hull_vertices, wall_s, cpu_s (wall time is another's on a shared machine),
-pour_cpu_s (to the sleep criterion; what else cpu_s has is the final rest), settled (share of the grains, by
-the criterion), steps, rest_steps (after pouring, all grains free), note. The exponents of cost over numbers,
-fitted to pour_cpu_s and cpu_s, are written in the note of an engine's last row.
+pour_cpu_s (to the sleep criterion; what else cpu_s has is the final rest), body_steps (steps of every moving
+body while pouring, which is what a machine does not change), settled (share of the grains, by the criterion),
+steps, rest_steps (after pouring, all grains free), note. The exponents over numbers of body_steps, pour_cpu_s
+and cpu_s are written in the note of an engine's last row.
 """
 
 from __future__ import annotations
@@ -70,6 +71,7 @@ def this_project(engine: str, n: int, library: Library, rng: np.random.Generator
     return {
         "n_grains": report["poured"],
         "pour_cpu_s": poured,
+        "body_steps": round(report["mean_active"] * report["steps"]),
         "settled": report["asleep"] / report["poured"],
         "steps": report["steps"],
         "rest_steps": rest["steps"],
@@ -194,7 +196,7 @@ def timed(engine: str, work, *arguments) -> dict:
 
 
 def exponent(rows: list[dict], column: str) -> float:
-    """Slope of log cost over log number."""
+    """Slope of a column's logarithm over that of the number."""
     n, cost = ([row[name] for row in rows] for name in ("n_grains", column))
     return float(np.polyfit(np.log(n), np.log(cost), 1)[0])
 
@@ -228,8 +230,11 @@ def main() -> None:
             row = timed(engine, this_project, engine, n, library, np.random.default_rng(1))
             mine = [r for r in rows if r["engine"] == engine] + [row]
             if len(mine) > 1:
-                pouring, all_of_it = (exponent(mine, column) for column in ("pour_cpu_s", "cpu_s"))
-                slope = f"pouring grows as n^{pouring:.2f}, with the final rest n^{all_of_it:.2f}"
+                steps, poured, cost = (exponent(mine, c) for c in ("body_steps", "pour_cpu_s", "cpu_s"))
+                slope = (
+                    f"steps of bodies grow as n^{steps:.2f}, pouring as n^{poured:.2f}, "
+                    f"with the final rest n^{cost:.2f}"
+                )
                 row["note"] = "; ".join(filter(None, (row["note"], slope)))
             keep(row)
     if shutil.which("yade"):
