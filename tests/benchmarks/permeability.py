@@ -268,7 +268,9 @@ def main() -> None:
     report(table.rows)
 
 
-KNOWN = "berea pnextract + pnflow k: 81 values, median ratio 1.073, mean absolute error 0.26, std of log 0.294"
+KNOWN = (
+    "berea pnextract + pnflow k: 81 values, median ratio 1.073, mean absolute error 0.26, std of log 0.294"
+)
 """Of Imperial College's programs with their defaults, measured before this project and not installed here."""
 
 
