@@ -117,7 +117,7 @@ def _cell(row: Mapping, columns: str | list[str]) -> str:
     if isinstance(value, str):
         return value.replace("_", " ")
     lower, upper = map(number, ends or (None, None))
-    return number(value) + (f" ({lower} to {upper})" if lower else "")
+    return number(value) + (f" ({lower}\u00a0to\u00a0{upper})" if lower else "")
 
 
 def _figure(name: str, path: Path | None) -> dict:
