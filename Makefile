@@ -122,8 +122,8 @@ bench-permeability: $(VENV)/.ready
 paper-scale: $(VENV)/.ready  ## 1000^3 voxels from section to report, and smaller ones; some: make paper-scale EDGES="125 250"
 	$(BIN)/python tests/benchmarks/paper_scale.py $(if $(EDGES),--edges $(EDGES)) $(if $(filter-out all,$(CORES)),--cores $(CORES))
 
-hard-cases: $(VENV)/.ready  ## hard scenes in both engines against the verdicts written down before
-	$(BIN)/python tests/benchmarks/hard_cases.py --out results/benchmarks/hard_cases.csv
+hard-cases: $(VENV)/.ready  ## hard scenes in both engines against the verdicts written down before; hours; goes on where it was stopped
+	$(BIN)/python tests/benchmarks/hard_cases.py
 
 faults: $(VENV)/.ready  ## an hour: 50 kills, 2,000 malformed inputs, full disks; goes on where it was stopped
 	$(BIN)/python tests/faults/fuzz.py --cases 2000 --command-line 50
