@@ -29,7 +29,9 @@ def main() -> None:
     options.add_argument("--size", choices=("full", "reduced"), default="full")
     options.add_argument("--only", nargs="+", help="names of scenes")
     options.add_argument("--engine", choices=hard_scenes.ENGINES)
-    options.add_argument("--out", type=Path, help="results/benchmarks/hard_cases.csv or hard_cases_reduced.csv")
+    options.add_argument(
+        "--out", type=Path, help="results/benchmarks/hard_cases.csv or hard_cases_reduced.csv"
+    )
     given = options.parse_args()
     suffix = "" if given.size == "full" else "_reduced"
     given.out = given.out or Path(f"results/benchmarks/hard_cases{suffix}.csv")
