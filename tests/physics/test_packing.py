@@ -275,6 +275,14 @@ def test_named_sets():
     assert Parameters.named("paper", engine="bullet").engine == "bullet"
 
 
+@pytest.mark.parametrize(("smallest", "kept"), [(1.0, True), (0.1, True), (0.05, False), (0.01, False)])
+def test_contact_points_are_kept_where_steps_are_not_much_shorter(smallest, kept):
+    given = Parameters(contact_manifold="persistent")
+    suited = given.suited(smallest)
+    assert suited.dt <= 0.08 * (smallest / suited.gravity) ** 0.5
+    assert suited.contact_manifold == ("persistent" if kept else "full")
+
+
 @pytest.mark.parametrize(
     "wrong",
     [

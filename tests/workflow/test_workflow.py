@@ -290,12 +290,12 @@ def test_one_core_and_other_chunks_give_the_same_bytes(finished, tmp_path):
 
 
 def test_cache_between_workflows(finished, tmp_path, monkeypatch):
-    """Two users share grain library and packings; realizations are never mixed up."""
+    """Two users share grain library and packings, whatever comes after; realizations are never mixed up."""
     monkeypatch.setenv("SNAKEMAKE_OUTPUT_CACHE", str(tmp_path / "cache"))
     (tmp_path / "cache").mkdir()
     packings = [f"results/tiny/full/{realization}/first/bodies.csv" for realization in (0, 1)]
-    for user in ("one", "two"):
-        folder = write_config(tmp_path / user, TINY)
+    for user, config in (("one", TINY), ("two", changed(effects={"virtual_spheres": "off"}))):
+        folder = write_config(tmp_path / user, config)
         done = snakemake(folder, "--cache", "--", *packings)
         assert done.returncode == 0, done.stdout[-4000:]
     for packing in packings:

@@ -280,11 +280,20 @@ def many_threads(wildcards, rulename):
 
 
 def settings(*keys):
-    """A params function: these keys of the config as the rule's variant sees them."""
+    """A params function: these keys of the config as the rule's variant sees them.
+
+    ``section.key`` is that key alone, so that no other of its section makes the rule run again.
+    """
 
     def of(wildcards):
         whole = VARIANTS.get(getattr(wildcards, "variant", None), CONFIG)
-        return {key: whole[key] for key in keys}
+        found = {}
+        for section, _, key in (name.partition(".") for name in keys):
+            if key:
+                found.setdefault(section, {})[key] = whole[section][key]
+            else:
+                found[section] = whole[section]
+        return found
 
     return of
 

@@ -19,7 +19,7 @@ rule scene:
         runtime=runtime(5),
     params:
         row=sample_row,
-        settings=settings("scene", "effects"),
+        settings=settings("scene", "effects.phase_mixing"),
         science=science("packing"),
     script:
         "../../scripts/scene.py"
@@ -47,7 +47,7 @@ rule first_packing:
         runtime=runtime(240),
     params:
         stream=stream,
-        settings=settings("packing", "effects"),
+        settings=settings("packing", "effects.decomposition", "effects.refinement"),
         science=science("packing"),
     script:
         "../../scripts/first_packing.py"
@@ -74,7 +74,11 @@ rule deficit:
     params:
         stream=stream,
         settings=settings(
-            "effects", "feedback", "morphology", "stereology", "correlation"
+            "effects.virtual_spheres",
+            "feedback",
+            "morphology",
+            "stereology",
+            "correlation",
         ),
         science=science("packing", "morphology", "stereology"),
     script:
@@ -108,7 +112,9 @@ rule second_packing:
         runtime=runtime(480),
     params:
         stream=stream,
-        settings=settings("packing", "effects", "feedback"),
+        settings=settings(
+            "packing", "effects.decomposition", "effects.densification", "feedback"
+        ),
         science=science("packing", "volume"),
     script:
         "../../scripts/second_packing.py"
