@@ -255,9 +255,9 @@ LONGEST_STEP = 0.08
 KEEPING_STEP = 0.75
 """Shortest step, of the default, with which contact points may be kept from one to the next.
 
-Kept at 0.85 of the default step, 174 grains gave back 1e-5 of their energy and slept after as long a time as at
-the default; at 0.7 they gave back 4e-4, at 0.5 they shivered for five times as long, and at a tenth 464 grains
-got four times the energy that they were poured with.
+Kept at 0.85 of the default step, 174 grains gave back 1e-5 of their energy and slept after as long a time as
+at the default; at 0.7 they gave back 4e-4, at 0.5 they shivered for five times as long, and at a tenth 464
+grains got four times the energy that they were poured with.
 """
 
 CHOICES = {
