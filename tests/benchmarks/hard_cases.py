@@ -2,8 +2,8 @@
 
     python tests/benchmarks/hard_cases.py [--size full] [--only NAME ...] [--engine physx] [--out FILE]
 
-Hours at full size: a table that is there already is gone on with (remove it to begin anew), and what ``--only``
-names is run anew.
+Hours at full size: a table that is there already is gone on with (remove it to begin anew), and what
+``--only`` names is run anew.
 
 Columns: scene, engine (- where none takes part), expected, verdict (works, refused, fails), overlap (largest,
 collision shapes, radii of the smaller grain), escaped (bodies), asleep (fraction), steps, wall_s.
