@@ -1,8 +1,8 @@
-"""What the first packing lacks of the section: porosity, and pores of which sizes."""
+"""What the first packing lacks of the section, pores of which sizes, and what surface it has too much."""
 
 from _stage import stage
 
-from grainfall import io, morphology, packing, random, stereology
+from grainfall import io, morphology, packing, random, stereology, volume
 
 with stage(snakemake) as progress:
     files, settings = snakemake.input, snakemake.params.settings
@@ -24,6 +24,8 @@ with stage(snakemake) as progress:
         stereology.unfold_table(table, method=settings["stereology"]["method"], bootstrap=0)
         for table in (section_pores, pores)
     )
+    surface = morphology.SolidSurface(**io.read_json(files.section_surface))
+    core, voxel = volume.core(phase), attributes["voxel_size_um"]
     sizes, deficit = packing.plan_deficit(
         scene,
         target,
@@ -35,9 +37,15 @@ with stage(snakemake) as progress:
             porosity,
             random.generator(**snakemake.params.stream, chapter="packing/tail"),
         ),
+        packing.Overgrowth(
+            surface,
+            morphology.solid_surface(core, voxel),
+            volume.growth_to_surface(core, voxel, surface.per_um),
+        ),
         porosity,
         sum(p * v for p, v in zip(scene["probabilities"], scene["mean_volumes_um3"], strict=True)),
         switch=settings["effects"]["virtual_spheres"],
+        cement=settings["effects"]["cement"],
         limit=settings["feedback"]["limit"],
     )
     io.write_table(snakemake.output.pores, pores)
@@ -45,3 +53,7 @@ with stage(snakemake) as progress:
     io.write_json(snakemake.output.deficit, deficit)
     spheres = deficit["virtual_spheres"]
     progress.say(("spheres: " if spheres["on"] else "no spheres: ") + spheres["reason"])
+    rims = deficit["overgrowth"]
+    progress.say(
+        f"grains grow {rims['growth']:.3f} times: {rims['reason']}" if rims["on"] else rims["reason"]
+    )

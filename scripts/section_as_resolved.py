@@ -1,5 +1,7 @@
 """The section measured at the twin's voxel size, so that both are compared at one resolution."""
 
+from dataclasses import asdict
+
 from _stage import stage
 
 from grainfall import io, morphology
@@ -10,11 +12,13 @@ with stage(snakemake):
     phase, _ = io.read_volume(snakemake.input.labels, "phase")
     voxel = io.read_json(snakemake.input.scene)["voxel_size_um"]
     instances = section.instances
+    phase = resample(phase, section.pixel_size_um, voxel)
     found = morphology.analyse(
-        resample(phase, section.pixel_size_um, voxel),
+        phase,
         voxel,
         instances=None if instances is None else resample(instances, section.pixel_size_um, voxel),
         **snakemake.params.settings["morphology"],
     )
     io.write_table(snakemake.output.grains, found.grains)
     io.write_table(snakemake.output.pores, found.pores)
+    io.write_json(snakemake.output.surface, asdict(morphology.solid_surface(phase, voxel)))

@@ -11,6 +11,7 @@ with stage(snakemake) as progress:
         io.read_table(snakemake.input.bodies),
         grains.Library.load(snakemake.input.library),
         scene,
+        io.read_json(snakemake.input.deficit)["overgrowth"],
         io.read_json(snakemake.input.packing)["densification"],
         settings["effects"],
         settings["feedback"]["limit"],

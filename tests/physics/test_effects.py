@@ -86,6 +86,7 @@ def deficit(first, target):
     return {
         "porosity_first": first,
         "porosity_target": target,
+        "overgrowth": {"on": False, "porosity": target},
         "virtual_spheres": {"on": False, "for_tail": False, "p_sp": 0.0},
     }
 

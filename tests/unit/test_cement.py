@@ -140,10 +140,11 @@ SCENE = {
 NEEDED = {"called_for": True, "on": True}
 
 
-def finished(target, densification=NEEDED, **switches):
+def finished(target, densification=NEEDED, overgrowth=None, **switches):
     scene = {**SCENE, "porosity_target": target}
+    overgrowth = overgrowth or {"on": False, "called_for": False, "porosity": target}
     switches = {"position_scaling": "auto", "cement": "auto"} | switches
-    bodies, slabs, *reports = volume.finish(lattice()[0], LIBRARY, scene, densification, switches)
+    bodies, slabs, *reports = volume.finish(lattice()[0], LIBRARY, scene, overgrowth, densification, switches)
     _, phase, body = (
         np.concatenate(parts) if i else parts for i, parts in enumerate(zip(*slabs, strict=True))
     )
@@ -189,6 +190,45 @@ def test_forced_cement_without_a_deficit_changes_nothing():
     np.testing.assert_array_equal(auto[1], forced[1])
     np.testing.assert_array_equal(auto[2], forced[2])
     assert not forced[4]["on"]
+
+
+def test_grains_grown_together_are_cemented_though_the_packing_met_its_aim():
+    """Scaling aims at the porosity before the rims, and rims fill what lies between it and the target."""
+    grown = {"on": True, "called_for": True, "reason": "grown together", "porosity": PLAIN}
+    poured_right = {"called_for": False, "on": False}
+    _, phase, _, scaling, rims = finished(0.868, poured_right, grown)
+    assert scaling["target"] == PLAIN
+    assert rims["on"]
+    assert rims["reason"].startswith("grown together: rims of")
+    assert abs(np.count_nonzero(phase == 0) - 0.868 * phase.size) <= 1
+    assert rims["share"] == pytest.approx(scaling["after"]["porosity"] - 0.868, abs=1e-5)
+    assert not finished(0.868, poured_right, grown, cement="off")[4]["on"]
+
+
+@pytest.mark.parametrize("rim", [2, 3, 4])
+def test_growth_is_found_by_the_surface_that_spheres_lose_where_they_meet(rim):
+    """Spheres on a cubic lattice that touch in points, grown by rims: flat where they meet."""
+    touching, grown = 16, 16 + rim
+    cap = grown - touching
+    solid = 4 / 3 * np.pi * grown**3 - 6 * np.pi * cap**2 * (3 * grown - cap) / 3
+    surface = 4 * np.pi * grown**2 - 6 * 2 * np.pi * grown * cap
+    growth = (solid / (4 / 3 * np.pi * touching**3)) ** (1 / 3)
+    z, y, x = (np.indices((64, 64, 64)) + 0.5) % 32 - 16
+    bed = (x**2 + y**2 + z**2 < touching**2).astype(np.uint8)
+    found = volume.growth_to_surface(bed, 0.5, growth * surface / solid / 0.5)
+    assert found == pytest.approx(growth, abs=0.1 * (growth - 1))
+
+
+def test_grains_with_no_more_surface_than_wanted_do_not_grow():
+    bed = volume.voxelise(lattice()[0], LIBRARY, (64, 64, 64), 1.0)[0]
+    assert volume.growth_to_surface(bed, 1.0, 0.31) == 1.0
+    assert volume.growth_to_surface(np.zeros_like(bed), 1.0, 0.1) == 1.0
+
+
+def test_the_core_of_a_volume_is_its_middle():
+    volume_ = np.arange(600 * 2 * 300).reshape(600, 2, 300)
+    np.testing.assert_array_equal(volume.core(volume_), volume_[172:428, :, 22:278])
+    np.testing.assert_array_equal(volume.core(volume_[:9]), volume_[:9, :, 22:278])
 
 
 def test_a_section_shows_rims_as_the_grains_mineral():

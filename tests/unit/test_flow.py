@@ -176,11 +176,6 @@ def test_all_solid_and_all_pore(method, shape):
 
 
 class TestEstimate:
-    def test_surface_of_a_ball(self):
-        z, y, x = np.indices((60, 60, 60)) - 29.5
-        solid = z**2 + y**2 + x**2 < 25**2
-        assert flow.specific_surface(~solid, 2.0) == pytest.approx(4 * np.pi * 25**2 / (60**3 * 2), rel=0.02)
-
     def test_kozeny_carman_of_a_bed_of_cubes(self):
         # cubes of edge a, one per (2a)^3, apart: phi = 7/8, true surface of the faces 6 a^2
         a, n = 4, 3

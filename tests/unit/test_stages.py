@@ -6,6 +6,7 @@ import pytest
 
 from grainfall import packing, stereology
 from grainfall.errors import InputError
+from grainfall.morphology import SolidSurface
 from grainfall.packing.densify import SLICK
 
 SCENE = {
@@ -140,16 +141,21 @@ NO_TAIL = packing.PoreTail(8.0, 8.0, -1.0, 0.0)
 VUGS = packing.PoreTail(20.0, 8.0, 5.0, 0.08)
 
 
-def deficit(first, tail=NO_TAIL, **over):
+APART = packing.Overgrowth(SolidSurface(0.12, 0.001), SolidSurface(0.12, 0.001), 1.0)
+TOGETHER = packing.Overgrowth(SolidSurface(0.11, 0.001), SolidSurface(0.12, 0.001), 1.02)
+"""Grains as they are poured, and grown by 2 %: 0.0363 of the region where 0.4 of it is pore."""
+
+
+def deficit(first, tail=NO_TAIL, overgrowth=APART, **over):
     given = {"switch": "auto", "limit": 0.01} | over
-    return packing.plan_deficit(scene(), equal(12.0), equal(6.0), tail, first, 1e4, **given)
+    return packing.plan_deficit(scene(), equal(12.0), equal(6.0), tail, overgrowth, first, 1e4, **given)
 
 
 @pytest.mark.parametrize(
     ("first", "over", "on", "words"),
     [
         (0.35, {}, True, "exceeds the first packing's 0.3500"),
-        (0.395, {}, False, "within 0.01 of the target 0.4000"),
+        (0.395, {}, False, "within 0.01 of the target porosity 0.4000"),
         (0.395, {"switch": "on"}, True, "forced on in the config, although"),
         (0.45, {}, False, "target porosity 0.4000 is below the first packing's 0.4500"),
         (0.45, {"switch": "on"}, False, "with nothing to do"),
@@ -193,6 +199,45 @@ def test_sizes_survive_their_table():
     q = np.linspace(0, 1, 9)
     np.testing.assert_array_equal(again.quantile(q), sizes.quantile(q))
     assert again.called_for
+
+
+@pytest.mark.parametrize(
+    ("first", "over", "on", "porosity", "words"),
+    [
+        (0.35, {}, True, 1 - 0.6 / 1.02**3, "exceed the section's 0.11 beyond"),
+        (0.35, {"cement": "off"}, False, 0.4, "switched off in the config, although"),
+        (0.35, {"overgrowth": APART}, False, 0.4, "do not exceed"),
+        (0.35, {"overgrowth": APART, "cement": "on"}, False, 0.4, "with nothing to do"),
+        # dense rock: rims in place of denser beds, none where nothing but spheres would open the bed
+        (0.41, {}, True, 0.41, "exceed"),
+        (0.45, {}, True, 1 - 0.6 / 1.02**3, "exceed"),
+        (0.395, {}, True, 0.4, "exceed"),
+    ],
+)
+def test_grains_grown_together_are_packed_looser(first, over, on, porosity, words):
+    _, plan = deficit(first, **{"overgrowth": TOGETHER, **over})
+    rims = plan["overgrowth"]
+    assert rims["on"] is on
+    assert rims["porosity"] == pytest.approx(porosity)
+    assert words in rims["reason"]
+    spheres = plan["virtual_spheres"]
+    assert spheres["on"] == (first == 0.35)
+    if spheres["on"]:
+        assert (spheres["p_sp"] > deficit(first)[1]["virtual_spheres"]["p_sp"]) == on
+    bed = Bed(first)
+    bodies, report = bed.second(plan)
+    if first != 0.395:
+        assert report["reached"]
+        assert abs(report["porosity"] - porosity) <= 0.01
+
+
+def test_surfaces_that_chance_may_tell_apart_call_for_nothing():
+    near = packing.Overgrowth(SolidSurface(0.118, 0.001), SolidSurface(0.12, 0.001), 1.005)
+    assert not near.exceeds
+    assert deficit(0.35, overgrowth=near)[1]["overgrowth"]["porosity"] == 0.4
+    forced = deficit(0.35, overgrowth=near, cement="on")[1]["overgrowth"]
+    assert forced["on"]
+    assert "forced on in the config, although" in forced["reason"]
 
 
 # ---- the second packing, in a bed that is a formula

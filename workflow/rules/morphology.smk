@@ -58,6 +58,7 @@ rule section_as_resolved:
     output:
         grains=f"{VARIANT}/section_grains2d.csv",
         pores=f"{VARIANT}/section_pores2d.csv",
+        surface=f"{VARIANT}/section_surface.json",
     log:
         f"{VARIANT}/logs/section_as_resolved.log",
     benchmark:

@@ -57,6 +57,7 @@ rule deficit:
     input:
         scene=f"{VARIANT}/scene.json",
         section_pores=f"{VARIANT}/section_pores2d.csv",
+        section_surface=f"{VARIANT}/section_surface.json",
         volume=f"{TWIN}/first/volume.zarr.zip",
     output:
         sizes=f"{TWIN}/virtual_spheres.csv",
@@ -75,12 +76,13 @@ rule deficit:
         stream=stream,
         settings=settings(
             "effects.virtual_spheres",
+            "effects.cement",
             "feedback",
             "morphology",
             "stereology",
             "correlation",
         ),
-        science=science("packing", "morphology", "stereology"),
+        science=science("packing", "morphology", "stereology", "volume.cement"),
     script:
         "../../scripts/deficit.py"
 

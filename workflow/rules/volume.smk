@@ -30,6 +30,7 @@ rule twin:
         library=f"{SAMPLE}/grains3d",
         bodies=f"{TWIN}/second/bodies.csv",
         packing=f"{TWIN}/second/packing.json",
+        deficit=f"{TWIN}/deficit.json",
     output:
         twin=(
             f"{TWIN}/twin.zarr.zip"

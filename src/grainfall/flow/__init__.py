@@ -11,7 +11,7 @@ import pandas as pd
 from grainfall.errors import InputError
 from grainfall.flow import direct, elliptic, local
 from grainfall.flow.elliptic import AXES
-from grainfall.flow.estimate import kozeny_carman, percolates, specific_surface
+from grainfall.flow.estimate import kozeny_carman, percolates
 from grainfall.flow.network import MODELS, conductances, spanning, two_face_conductance
 from grainfall.network import PERSISTENCE, Network, extract, find_interfaces, partition
 from grainfall.units import um2_to_millidarcy
@@ -28,7 +28,6 @@ __all__ = [
     "percolates",
     "permeability",
     "spanning",
-    "specific_surface",
     "two_face_conductance",
 ]
 

@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 import skimage  # its parts load when they are first used
 
+from grainfall.morphology import specific_surface
 from grainfall.units import um2_to_millidarcy
 
 KOZENY = 5.0
 """Carman's constant for beds of grains: shape factor 2.5 times squared hydraulic tortuosity 2."""
-
-FACE_TO_SURFACE = 2.0 / 3.0
-"""Area of an isotropic smooth surface over that of its voxel faces, 1/<|n_x| + |n_y| + |n_z|>."""
 
 
 def percolates(pore: np.ndarray) -> tuple[bool, bool, bool]:
@@ -22,18 +20,11 @@ def percolates(pore: np.ndarray) -> tuple[bool, bool, bool]:
     )
 
 
-def specific_surface(pore: np.ndarray, voxel_size_um: float) -> float:
-    """Pore-solid surface per bulk volume in 1/um: 2/3 of the voxel faces (isotropic smooth surface)."""
-    pore = np.asarray(pore).astype(bool)
-    faces = sum(np.count_nonzero(np.diff(pore, axis=axis)) for axis in range(3))
-    return FACE_TO_SURFACE * faces / (pore.size * voxel_size_um)
-
-
 def kozeny_carman(pore: np.ndarray, voxel_size_um: float) -> tuple[float, float]:
     """Kozeny-Carman permeability phi^3 / (5 S^2) in mD and Bruggeman's formation factor phi^(-3/2).
 
-    ``S`` is the surface per bulk volume (:func:`specific_surface`). Estimates: neither looks at connections.
-    Both are empty (NaN) without pore; without surface, K is.
+    ``S`` is the surface per bulk volume (:func:`grainfall.morphology.specific_surface`). Estimates: neither
+    looks at connections. Both are empty (NaN) without pore; without surface, K is.
     """
     phi = float(np.mean(pore))
     surface = specific_surface(pore, voxel_size_um)

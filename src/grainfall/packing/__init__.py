@@ -5,6 +5,7 @@ What moves bodies is loaded when it is asked for: to plan a scene takes neither 
 
 from grainfall.packing.densify import match_density
 from grainfall.packing.mixing import Mixture, draw_population, draw_zones, phase_probabilities
+from grainfall.packing.overgrowth import Overgrowth
 from grainfall.packing.parameters import NAMED, Parameters
 from grainfall.packing.plan import SWITCHES, decide, effects_plan
 from grainfall.packing.scene import plan_scene, poured_grains
@@ -17,6 +18,7 @@ __all__ = [
     "SWITCHES",
     "Box",
     "Mixture",
+    "Overgrowth",
     "Parameters",
     "PoreTail",
     "VirtualSizes",

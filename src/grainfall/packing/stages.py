@@ -12,6 +12,7 @@ from grainfall.grains import Library
 from grainfall.packing.densify import match_density
 from grainfall.packing.deposition import Box, deposit
 from grainfall.packing.mixing import Mixture, draw_zones
+from grainfall.packing.overgrowth import Overgrowth
 from grainfall.packing.parameters import Parameters
 from grainfall.packing.plan import decide
 from grainfall.packing.rest import settle
@@ -199,10 +200,12 @@ def plan_deficit(
     target: SizeDistribution | None,
     first: SizeDistribution | None,
     tail: PoreTail,
+    overgrowth: Overgrowth,
     porosity_first: float,
     mean_grain_volume: float,
     *,
     switch: str = "auto",
+    cement: str = "auto",
     limit: float = 0.01,
 ) -> tuple[VirtualSizes, dict]:
     """What the first packing lacks of the target, and the virtual spheres that would make up for it.
@@ -212,6 +215,10 @@ def plan_deficit(
     pores do (vugs in a dense rock), they have the radii of the tail alone and keep their share, and the
     grains about them may have to be packed denser.
 
+    Where the section's grains have grown together, cement is to take the surface that a packing has beyond
+    theirs, and the packings aim above the target by what it will fill; above what grains pour to only where
+    the target is, too, since nothing but spheres would open the bed so far.
+
     Parameters
     ----------
     scene : mapping
@@ -219,12 +226,14 @@ def plan_deficit(
         Pore circles of the section and of slices of the first packing, unfolded; None without circles.
     tail : PoreTail
         Large pores of the two compared.
+    overgrowth : Overgrowth
+        Surfaces of the two compared.
     porosity_first : float
         Porosity of the first packing.
     mean_grain_volume : float
         Mean grain volume over all phases, um^3.
-    switch : {"auto", "on", "off"}
-        Of the virtual spheres.
+    switch, cement : {"auto", "on", "off"}
+        Of the virtual spheres and of the cement.
     limit : float
         Porosity that the final scaling of positions can mend.
 
@@ -233,10 +242,17 @@ def plan_deficit(
     sizes : VirtualSizes
     deficit : dict
         porosity_first, porosity_target, mean_sphere_volume_um3, mean_grain_volume_um3, tail (of
-        :class:`PoreTail`), and virtual_spheres: on, forced, called_for, reason, p_sp (first guess), for_tail
-        (whether the tail alone called for them, so that they keep their share).
+        :class:`PoreTail`), overgrowth: on, forced, called_for, reason, growth, porosity (before the rims, what
+        the packings aim for: the target where there are none); and virtual_spheres: on, forced, called_for,
+        reason, p_sp (first guess), for_tail (whether the tail alone called for them, so that they keep their
+        share).
     """
-    wanted = scene["porosity_target"]
+    target_porosity = scene["porosity_target"]
+    rims = decide(cement, overgrowth.exceeds, overgrowth.words, possible=overgrowth.growth > 1)
+    wanted = overgrowth.porosity_before(target_porosity) if rims["on"] else target_porosity
+    if target_porosity <= porosity_first + limit:
+        wanted = min(wanted, max(target_porosity, porosity_first))
+    aim = f"porosity {wanted:.4f} before the rims" if rims["on"] else f"target porosity {wanted:.4f}"
     short = wanted - porosity_first
     # Pores of the volume share v in a matrix of the first packing's porosity.
     with_tail = tail.share + (1 - tail.share) * porosity_first
@@ -249,11 +265,11 @@ def plan_deficit(
         largest_um=WIDEST_SPHERE * scene["edge_um"],
     )
     if short > limit:
-        reason = f"the target porosity {wanted:.4f} exceeds the first packing's {porosity_first:.4f}"
+        reason = f"the {aim} exceeds the first packing's {porosity_first:.4f}"
     elif short >= -limit:
-        reason = f"the first packing's {porosity_first:.4f} is within {limit:g} of the target {wanted:.4f}"
+        reason = f"the first packing's {porosity_first:.4f} is within {limit:g} of the {aim}"
     else:
-        reason = f"the target porosity {wanted:.4f} is below the first packing's {porosity_first:.4f}"
+        reason = f"the {aim} is below the first packing's {porosity_first:.4f}"
     reason += f"; {tail.words}"
     reason += f"; {sizes.reason}" if sizes.reason else ""
     spheres = decide(
@@ -264,7 +280,7 @@ def plan_deficit(
     )
     return sizes, {
         "porosity_first": float(porosity_first),
-        "porosity_target": float(wanted),
+        "porosity_target": float(target_porosity),
         "mean_sphere_volume_um3": sizes.mean_volume,
         "mean_grain_volume_um3": float(mean_grain_volume),
         "tail": {
@@ -274,6 +290,7 @@ def plan_deficit(
             "share": tail.share,
             "exceeds": tail.exceeds,
         },
+        "overgrowth": {**rims, "growth": float(overgrowth.growth), "porosity": float(wanted)},
         "virtual_spheres": {
             **spheres,
             "for_tail": bool(for_tail),
@@ -365,7 +382,8 @@ def pack_again(
     limit: float = 0.01,
     passes: int = 8,
 ) -> Packing:
-    """The second packing: virtual spheres, then densification, until the grains' porosity is the target's.
+    """The second packing: virtual spheres, then densification, until the grains' porosity is what is wanted:
+    the target's, or what leaves room for the rims of grains grown together.
 
     Parameters
     ----------
@@ -395,7 +413,9 @@ def pack_again(
         each; one that misses as poured is not brought to rest), ``porosity``, ``reached``, ``reason`` (why
         not), and ``densification``: on, forced, called_for, reason.
     """
-    target, spheres = deficit["porosity_target"], deficit["virtual_spheres"]
+    target, spheres = deficit["overgrowth"]["porosity"], deficit["virtual_spheres"]
+    aim = f"{'porosity' if deficit['overgrowth']['on'] else 'target porosity'} {target:.4f}"
+    aim += " before the rims" if deficit["overgrowth"]["on"] else ""
     # Spheres that were to open the bed and opened it too far are a missed feedback, not a bed too loose.
     fillable = spheres["for_tail"] or not spheres["on"]
     trials = _Trials(pour_with, rested, porosity_of, target, limit, fillable)
@@ -418,9 +438,9 @@ def pack_again(
     dense = decide(
         densification,
         too_loose > limit,
-        f"the target porosity {target:.4f} is below the {loose:.4f} of the packing {what}"
+        f"the {aim} is below the {loose:.4f} of the packing {what}"
         if too_loose > 0
-        else f"the packing {what} is no looser than the target porosity {target:.4f}",
+        else f"the packing {what} is no looser than the {aim}",
         possible=too_loose > 0,
     )
     if dense["on"]:

@@ -10,6 +10,7 @@ import pandas as pd
 import scipy  # its transforms load when they are first used
 from numba import njit
 
+from grainfall.morphology import specific_surface
 from grainfall.volume.measures import porosity
 from grainfall.volume.scan import Meshes, voxelise
 
@@ -18,6 +19,12 @@ SUPPORT = 5
 
 SLAB = 64
 """Planes whose voxels are given to their nearest grains at a time: that takes some 20 bytes a voxel."""
+
+CORE = 256
+"""Edge, voxels, of the core of a bed on which its surface is looked at."""
+
+FIRST_STEP, STEP = 0.005, 0.0005
+"""Share of the solid that is tried first as its growth, and the one to which the growth is found."""
 
 SCATTER = np.array([3518319155, 2882110345, 2360945575], np.uint64)
 """Multipliers of the additive recurrence in three dimensions: 2^32 over powers of the root of x^4 = x + 1."""
@@ -69,8 +76,8 @@ def cement(
     rim = 0.0
     if _missing(phase, target) > 0 and phase.any():
         # The rim without the grains around is an upper bound: more solid near by only shortens distances.
-        _, bound, _ = _shells(phase, target)
-        margin = int(np.ceil(np.sqrt(bound))) + 1
+        _, voxels = _shells(phase)
+        margin = int(np.ceil(np.sqrt(_last_shell(voxels, _missing(phase, target))))) + 1
         wide = tuple(n + 2 * margin for n in shape)
         origin = (-margin * voxel_size_um,) * 3
         around = voxelise(bodies, library, wide, voxel_size_um, origin, threads=threads)
@@ -132,11 +139,9 @@ def grow_rims(
     grains, owner = phase[within].copy(), body[within].copy()
     if _missing(grains, target) <= 0 or not phase.any():
         return grains, owner, 0.0
-    squared, last, rest = _shells(phase, target, margin)
-    edge = np.nonzero(squared == last)
-    even = (SCATTER[:, None] * np.stack(edge).astype(np.uint64)).sum(axis=0) & np.uint64(0xFFFFFFFF)
-    order = np.lexsort((even, -_support(phase, *(at + margin for at in edge))))
-    squared[tuple(at[order[rest:]] for at in edge)] = np.inf  # of the last shell only as many as are wanted
+    squared, voxels = _shells(phase, margin)
+    late, last = _left_of_the_last_shell(phase, squared, voxels, _missing(grains, target), margin)
+    squared[late] = np.inf
     rim = float(np.sqrt(last))
     for z in range(0, len(grains), SLAB):
         slab = slice(z, z + SLAB)
@@ -147,8 +152,63 @@ def grow_rims(
     return grains, owner, rim
 
 
-def _shells(phase: np.ndarray, target: float, margin: int = 0) -> tuple[np.ndarray, int, int]:
-    """Squared distances to the solid within the margin, the last shell that is filled, and how much of it."""
+def core(phase: np.ndarray) -> np.ndarray:
+    """The middle of a large volume, at most :data:`CORE` voxels an edge: surfaces differ little beyond it."""
+    return phase[tuple(slice(max(0, (n - CORE) // 2), (n + CORE) // 2) for n in phase.shape)]
+
+
+def growth_to_surface(phase: np.ndarray, voxel_size_um: float, per_um: float) -> float:
+    """How much grains have grown in size that have so little surface left against the pores.
+
+    Where grains meet, rims close the gap between them: a bed of grains that touch in points loses surface as
+    it is cemented, more than the solid gains in size.
+
+    Parameters
+    ----------
+    phase : (nz, ny, nx) int
+        A bed, 0 pore; :func:`core` gives enough of a large one.
+    voxel_size_um : float
+    per_um : float
+        Surface wanted by volume of the solid, 1/um, of a bed whose grains are with their rims as large as
+        these are without.
+
+    Returns
+    -------
+    float
+        Linear growth, at least 1: the solid fraction after over that before, to the power 1/3. At most that
+        which leaves a twentieth of the pores.
+    """
+    pores = int(np.count_nonzero(phase == 0))
+    solid = phase.size - pores
+    if not solid:
+        return 1.0
+    squared, voxels = _shells(phase)
+
+    def growth(filled: int) -> float:
+        return ((solid + filled) / solid) ** (1 / 3)
+
+    def surface(filled: int) -> float:
+        late, last = _left_of_the_last_shell(phase, squared, voxels, filled)
+        pore = squared > last
+        pore[late] = True
+        # by the size that the grains have when room is made for their rims
+        return growth(filled) * specific_surface(pore, voxel_size_um) * phase.size / (solid + filled)
+
+    most = pores * 19 // 20
+    if surface(0) <= per_um:
+        return 1.0
+    # the first growth that does: a shell half filled is rougher than the grain was
+    low, high = 0, min(most, int(FIRST_STEP * solid))
+    while high < most and surface(high) > per_um:
+        low, high = high, min(most, 3 * high // 2)
+    while high - low > STEP * solid:
+        middle = (low + high) // 2
+        low, high = (middle, high) if surface(middle) > per_um else (low, middle)
+    return growth(high)
+
+
+def _shells(phase: np.ndarray, margin: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Squared distances to the solid within the margin, and how many pore voxels lie at each."""
     squared = edt.edtsq(np.ascontiguousarray(phase == 0), black_border=False)
     within = tuple(slice(margin, n - margin) for n in phase.shape)
     squared = np.rint(squared, out=squared)[within]
@@ -156,10 +216,25 @@ def _shells(phase: np.ndarray, target: float, margin: int = 0) -> tuple[np.ndarr
     for plane in squared:
         voxels += np.bincount(plane.astype(np.int64).ravel(), minlength=len(voxels))
     voxels[0] = 0  # solid
-    up_to = np.cumsum(voxels)
-    wanted = _missing(phase[within], target)
-    last = int(np.searchsorted(up_to, wanted))
-    return squared, last, wanted - int(up_to[last - 1])
+    return squared, voxels
+
+
+def _last_shell(voxels: np.ndarray, wanted: int) -> int:
+    """Squared distance of the shell with which ``wanted`` voxels are filled."""
+    return int(np.searchsorted(np.cumsum(voxels), wanted))
+
+
+def _left_of_the_last_shell(
+    phase: np.ndarray, squared: np.ndarray, voxels: np.ndarray, wanted: int, margin: int = 0
+) -> tuple[tuple[np.ndarray, ...], int]:
+    """Voxels of the last shell filled that stay pore, and that shell's squared distance."""
+    last = _last_shell(voxels, wanted)
+    edge = np.nonzero(squared == last) if last else ([], [], [])
+    edge = tuple(np.asarray(at, np.int64) for at in edge)
+    even = (SCATTER[:, None] * np.stack(edge).astype(np.uint64)).sum(axis=0) & np.uint64(0xFFFFFFFF)
+    order = np.lexsort((even, -_support(phase, *(at + margin for at in edge))))
+    rest = wanted - int(voxels[:last].sum())
+    return tuple(at[order[rest:]] for at in edge), last
 
 
 def as_minerals(phase: np.ndarray, body: np.ndarray, bodies: pd.DataFrame) -> np.ndarray:

@@ -19,6 +19,7 @@ def finish(
     bodies: pd.DataFrame,
     library: Meshes,
     scene: Mapping,
+    overgrowth: Mapping,
     densification: Mapping,
     switches: Mapping[str, str],
     limit: float = 0.01,
@@ -33,8 +34,11 @@ def finish(
         Meshes of the shapes.
     scene : mapping
         shape_zyx, voxel_size_um, margin_um, mean_diameter_um, porosity_target, phases.
+    overgrowth : mapping
+        As :func:`grainfall.packing.plan_deficit` gives it: cement is called for where the section's grains have
+        grown together, and positions are then scaled to the porosity before their rims.
     densification : mapping
-        Of the second packing's report: cement is called for only where densification was and fell short.
+        Of the second packing's report: cement is called for, too, where densification was and fell short.
     switches : mapping
         ``position_scaling`` and ``cement``: auto, on or off.
     limit : float
@@ -55,10 +59,12 @@ def finish(
     """
     target, shape, voxel = scene["porosity_target"], scene["shape_zyx"], scene["voxel_size_um"]
     grains, scaling = correct_porosity(
-        bodies, library, shape, voxel, target, limit, switch=switches["position_scaling"]
+        bodies, library, shape, voxel, overgrowth["porosity"], limit, switch=switches["position_scaling"]
     )
     left = scaling["after"]["porosity"]
-    if left <= target:
+    if overgrowth["on"]:
+        reason = overgrowth["reason"]
+    elif left <= target:
         reason = f"porosity {left:.4f} is not above the target {target:.4f}"
     elif left - target <= limit:
         reason = f"porosity {left:.4f} is within {limit:g} of the target {target:.4f}"
@@ -71,7 +77,7 @@ def finish(
         reason = f"{means} leaves a porosity of {left:.4f}, above the target {target:.4f}"
     rims = decide(
         switches["cement"],
-        densification["called_for"] and left - target > limit,
+        overgrowth["called_for"] or (densification["called_for"] and left - target > limit),
         reason,
         possible=(left - target) * np.prod(shape, dtype=float) >= 1,
     )

@@ -1,0 +1,47 @@
+"""Grains grown together: a section that shows less surface than grains which touch in points have."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from grainfall.morphology import SolidSurface
+
+STANDARD_ERRORS = 2.33
+"""Standard errors by which the first packing's surface must exceed the section's: 99 % on one side."""
+
+
+@dataclass(frozen=True)
+class Overgrowth:
+    """Surface of the solid in a section and in the first packing.
+
+    Attributes
+    ----------
+    section, first : SolidSurface
+        On pixels and voxels of one size.
+    growth : float
+        Linear growth at which the first packing's grains had the section's surface, see
+        :func:`grainfall.volume.growth_to_surface`; 1 where they have no more than it.
+    """
+
+    section: SolidSurface
+    first: SolidSurface
+    growth: float
+
+    @property
+    def exceeds(self) -> bool:
+        """Whether the packing has more surface than chance explains."""
+        error = (self.section.error**2 + self.first.error**2) ** 0.5
+        return self.growth > 1 and self.first.per_um - self.section.per_um > STANDARD_ERRORS * error
+
+    @property
+    def words(self) -> str:
+        """The comparison in a sentence."""
+        how = "exceed" if self.exceeds else "do not exceed"
+        return (
+            f"grains that touch in points ({self.first.per_um:.4g} um2 of surface a um3 of solid in the first "
+            f"packing) {how} the section's {self.section.per_um:.4g} beyond sampling"
+        )
+
+    def porosity_before(self, target: float) -> float:
+        """Porosity of a bed that has the target's once its grains have grown so far."""
+        return 1 - (1 - target) / self.growth**3
