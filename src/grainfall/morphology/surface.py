@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 CELLS = 64
-"""Cells into which an image is divided for the error of its surface: 8 x 8 of a section, 4 x 4 x 4 of a volume."""
+"""Cells of an image between which its surface scatters: 8 x 8 of a section, 4 x 4 x 4 of a volume."""
 
 
 @dataclass(frozen=True)

@@ -38,8 +38,8 @@ class Overgrowth:
         """The comparison in a sentence."""
         how = "exceed" if self.exceeds else "do not exceed"
         return (
-            f"grains that touch in points ({self.first.per_um:.4g} um2 of surface a um3 of solid in the first "
-            f"packing) {how} the section's {self.section.per_um:.4g} beyond sampling"
+            f"grains that touch in points (the first packing's, {self.first.per_um:.4g} um2 of surface a um3 "
+            f"of solid) {how} the section's {self.section.per_um:.4g} beyond sampling"
         )
 
     def porosity_before(self, target: float) -> float:

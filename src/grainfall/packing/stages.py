@@ -242,10 +242,10 @@ def plan_deficit(
     sizes : VirtualSizes
     deficit : dict
         porosity_first, porosity_target, mean_sphere_volume_um3, mean_grain_volume_um3, tail (of
-        :class:`PoreTail`), overgrowth: on, forced, called_for, reason, growth, porosity (before the rims, what
-        the packings aim for: the target where there are none); and virtual_spheres: on, forced, called_for,
-        reason, p_sp (first guess), for_tail (whether the tail alone called for them, so that they keep their
-        share).
+        :class:`PoreTail`), overgrowth: on, forced, called_for, reason, growth, porosity (before the rims,
+        what the packings aim for: the target where there are none); and virtual_spheres: on, forced,
+        called_for, reason, p_sp (first guess), for_tail (whether the tail alone called for them, so that they
+        keep their share).
     """
     target_porosity = scene["porosity_target"]
     rims = decide(cement, overgrowth.exceeds, overgrowth.words, possible=overgrowth.growth > 1)

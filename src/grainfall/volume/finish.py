@@ -35,8 +35,8 @@ def finish(
     scene : mapping
         shape_zyx, voxel_size_um, margin_um, mean_diameter_um, porosity_target, phases.
     overgrowth : mapping
-        As :func:`grainfall.packing.plan_deficit` gives it: cement is called for where the section's grains have
-        grown together, and positions are then scaled to the porosity before their rims.
+        As :func:`grainfall.packing.plan_deficit` gives it: cement is called for where the section's grains
+        have grown together, and positions are then scaled to the porosity before their rims.
     densification : mapping
         Of the second packing's report: cement is called for, too, where densification was and fell short.
     switches : mapping
