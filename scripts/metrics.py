@@ -2,7 +2,7 @@
 
 from _stage import stage
 
-from grainfall import correlation, io, network, random, report
+from grainfall import correlation, io, morphology, network, random, report, volume
 
 with stage(snakemake) as progress, io.open_volume(snakemake.input.twin, "phase") as (phase, _):
     files, settings = snakemake.input, snakemake.params.settings
@@ -51,6 +51,10 @@ with stage(snakemake) as progress, io.open_volume(snakemake.input.twin, "phase")
     values = {
         **packing,
         **report.phase_values(phase, section),
+        **report.surface_values(
+            morphology.solid_surface(volume.core(phase), scene["voxel_size_um"]),
+            morphology.SolidSurface(**io.read_json(files.section_surface)),
+        ),
         **report.section_comparison(
             table("section_grains"),
             table("section_pores"),

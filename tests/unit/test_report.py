@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grainfall import grains, io, network
+from grainfall.morphology import SolidSurface
 from grainfall.report import (
     METRICS,
     SUMMARY_COLUMNS,
@@ -31,6 +32,7 @@ from grainfall.report import (
     save_figure,
     section_comparison,
     summary_row,
+    surface_values,
     sweep_table,
     tables,
     verdict,
@@ -564,6 +566,18 @@ def test_phase_shares_of_the_section_itself_are_met():
 
 def words(values):
     return {j.metric: (j.status, j.words) for j in judge(metrics_table(values))}
+
+
+def test_a_twin_is_held_to_the_surface_of_its_section():
+    found = surface_values(SolidSurface(0.12, 0.003), SolidSurface(0.10, 0.004))
+    assert found["solid_surface_per_um_target"] == pytest.approx((0.10, 0.09, 0.11))
+    (verdict,) = judge(metrics_table(found))
+    assert verdict.status == "missed"
+    assert verdict.words.startswith("20% more surface than the section's solid has")
+    near = surface_values(SolidSurface(0.105, 0.003), SolidSurface(0.10, 0.004))
+    assert [v.status for v in judge(metrics_table(near))] == ["met"]
+    none = SolidSurface(np.inf, np.inf)
+    assert surface_values(none, none) == surface_values(SolidSurface(0.1, 0.1), none)
 
 
 def test_judgements_in_plain_words():

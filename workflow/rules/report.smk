@@ -74,6 +74,7 @@ rule metrics:
         labels=f"{SAMPLE}/labels.zarr.zip",
         section_grains=f"{VARIANT}/section_grains2d.csv",
         section_pores=f"{VARIANT}/section_pores2d.csv",
+        section_surface=f"{VARIANT}/section_surface.json",
         second=f"{TWIN}/second/packing.json",
         deficit=f"{TWIN}/deficit.json",
         correction=f"{TWIN}/correction.json",
@@ -111,7 +112,7 @@ rule metrics:
         stream=stream,
         settings=settings("packing", "flow", "correlation"),
         asked=ASKED,
-        science=science("report.tables", "correlation", "network"),
+        science=science("report.tables", "correlation", "network", "volume.cement"),
     script:
         "../../scripts/metrics.py"
 

@@ -20,6 +20,7 @@ from grainfall.report.tables import (
     resettling_values,
     section_comparison,
     summary_row,
+    surface_values,
     sweep_table,
     verdict,
 )
@@ -44,6 +45,7 @@ __all__ = [
     "save_figure",
     "section_comparison",
     "summary_row",
+    "surface_values",
     "sweep_table",
     "verdict",
 ]

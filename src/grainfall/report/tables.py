@@ -14,6 +14,8 @@ import numpy as np
 import pandas as pd
 import scipy  # its stats take half a second to load, and do so when they are first used
 
+from grainfall.morphology import SolidSurface
+
 SUMMARY_COLUMNS = (
     "sample", "variant", "realization", "engine", "n_grains", "voxel_size_um",
     "shape_z", "shape_y", "shape_x",
@@ -91,6 +93,8 @@ METRICS: dict[str, Metric] = {
     "w1_network_pores_um": Metric("network pore radii, distance to the reference", "µm", "network"),
     "w1_network_throats_um": Metric("network throat radii, distance to the reference", "µm", "network"),
     "w1_network_coordination": Metric("pore coordination, distance to the reference", "throats", "network"),
+    "solid_surface_per_um": Metric("surface of the solid by its volume, as voxels show it", "1/µm",
+                                   "twin.zarr.zip"),
     "specific_surface_per_um": Metric("specific surface from the slope of S₂", "1/µm", "s2_volume.csv"),
     "porosity_ref": Metric("porosity of the 3D reference", source="reference_s2.csv"),
     "specific_surface_ref_per_um": Metric("specific surface of the 3D reference", "1/µm", "reference_s2.csv"),
@@ -402,6 +406,21 @@ def phase_values(twin_phase: np.ndarray, section_phase: np.ndarray, blocks: int 
     return found
 
 
+def surface_values(twin: SolidSurface, section: SolidSurface) -> dict[str, object]:
+    """Surface of the twin's solid by its volume, with the section's ± 2 standard errors of both as target.
+
+    Parameters
+    ----------
+    twin, section : SolidSurface
+        On voxels and pixels of one size.
+    """
+    aim, error = section.per_um, float(np.hypot(twin.error, section.error))
+    if not np.isfinite([twin.per_um, aim, error]).all():
+        return {"solid_surface_per_um": None}
+    target = (aim, aim - 2 * error, aim + 2 * error)
+    return {"solid_surface_per_um": twin.per_um, "solid_surface_per_um_target": target}
+
+
 NETWORK_METRICS = {
     "pore_radius_um": "w1_network_pores_um",
     "throat_radius_um": "w1_network_throats_um",
@@ -537,6 +556,10 @@ def _verdict(name: str, known: Metric, value: float | None, rows: Mapping) -> tu
         what = known.label.removesuffix(f", distance to the {of}")
         words = f"{what}: {shown}{unit} from the {of}, where chance explains {number(high)}{unit}"
         return wanted, words, "missed"
+    if name == "solid_surface_per_um":
+        change = value / aim - 1
+        words = f"{abs(change):.0%} {'more' if change > 0 else 'less'} surface than the section's solid has"
+        return wanted, f"{words}: beyond two standard errors", "missed"
     if name.startswith("phase_fraction_"):
         return wanted, f"{known.label} {shown} misses {number(aim)}: beyond two standard errors", "missed"
     below = low is not None and value < low
