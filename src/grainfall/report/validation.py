@@ -71,6 +71,7 @@ QUANTITIES: dict[str, Quantity] = {
         "K if one slice's porosity were the target, over K (Kozeny-Carman, 2.5 to 97.5 %)"
     ),
     "cement_share": Quantity("cement, share of the volume"),
+    "surface_ratio": Quantity("specific surface over the truth's, both from the slope of S₂"),
     "k_md": Quantity("permeability, mean of three axes", "mD"),
     "k_x_md": Quantity("permeability along x", "mD"),
     "k_y_md": Quantity("permeability along y", "mD"),
@@ -221,6 +222,11 @@ def _pore_figures(sizes: Mapping, truth: Mapping) -> dict[str, tuple]:
     return found
 
 
+def _ratio(metrics: Mapping, value: str, of: str) -> float | None:
+    one, other = (metrics.get(name) for name in (value, of))
+    return None if pd.isna(one) or pd.isna(other) else float(one) / float(other)
+
+
 def _s2_gap(curve: tuple, truth: Mapping) -> tuple:
     if "s2" not in truth:
         return (None, None)
@@ -242,6 +248,7 @@ def _of_twin(folder: Path, truth: Mapping, sample: str) -> dict[str, tuple]:
         "porosity_first": (metrics["porosity_first"], None),
         "porosity_miss": (abs(metrics["porosity"] - target), 0.0),
         "cement_share": (metrics.get("cement_share"), None),
+        "surface_ratio": (_ratio(metrics, "specific_surface_per_um", "specific_surface_ref_per_um"), 1.0),
         **{f"k_{axis}": (k[axis], k_ref.get(axis)) for axis in k},
         "k_ratio": (k["md"] / k_ref["md"] if k_ref else None, 1.0),
         "s2_gap": _s2_gap(radial(folder / "s2_volume.csv"), truth),
