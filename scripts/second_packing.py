@@ -6,7 +6,7 @@ from grainfall import grains, io, packing, random, stereology, volume
 
 with stage(snakemake) as progress, checkpoints(snakemake) as folder:
     files, settings = snakemake.input, snakemake.params.settings
-    scene = io.read_json(files.scene)
+    scene, deficit = io.read_json(files.scene), io.read_json(files.deficit)
     sizes = stereology.from_table(io.read_table(files.sizes))
     library = grains.Library.load(files.library)
     spheres = packing.VirtualSizes.from_table(io.read_table(files.spheres))
@@ -42,11 +42,11 @@ with stage(snakemake) as progress, checkpoints(snakemake) as folder:
 
     def porosity_of(bodies):
         porosity = volume.packed_porosity(bodies, library, scene["shape_zyx"], scene["voxel_size_um"])
-        progress.say(f"porosity {porosity:.4f}, target {scene['porosity_target']:.4f}")
+        progress.say(f"porosity {porosity:.4f}, wanted {deficit['overgrowth']['porosity']:.4f}")
         return porosity
 
     bodies, report = packing.pack_again(
-        io.read_json(files.deficit),
+        deficit,
         pour_with,
         rested,
         porosity_of,

@@ -167,7 +167,7 @@ def _spheres(table: pd.DataFrame) -> list[Claim]:
         found.append(
             Claim(
                 "virtual_spheres",
-                "Rims that close the contacts bring surface and K nearer to the truth's (ours, not the paper's)",
+                "Rims that close the contacts bring surface and K nearer to the truth (ours only)",
                 "-",
                 f"over the truth's: surface {_said(surface)}, K {_said(k)}; grains left touching in points: "
                 f"surface {_said(points)}, K {_said(k_points)}",
