@@ -6,6 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from grainfall import volume
 
@@ -223,6 +225,15 @@ def test_grains_with_no_more_surface_than_wanted_do_not_grow():
     bed = volume.voxelise(lattice()[0], LIBRARY, (64, 64, 64), 1.0)[0]
     assert volume.growth_to_surface(bed, 1.0, 0.31) == 1.0
     assert volume.growth_to_surface(np.zeros_like(bed), 1.0, 0.1) == 1.0
+
+
+@given(seed=st.integers(0, 10**6), solid=st.floats(0, 1), per_um=st.floats(0, 10))
+@settings(max_examples=60, deadline=None)
+def test_some_growth_is_found_in_any_volume(seed, solid, per_um):
+    bed = (np.random.default_rng(seed).random((3, 4, 5)) < solid).astype(np.uint8)
+    found = volume.growth_to_surface(bed, 1.0, per_um)
+    full = 1.0 if not bed.any() else (bed.size / bed.sum()) ** (1 / 3)
+    assert 1.0 <= found <= full
 
 
 def test_the_core_of_a_volume_is_its_middle():

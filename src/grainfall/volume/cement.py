@@ -1,4 +1,4 @@
-"""Cement: overgrowth rims on the grains, down to the target porosity that no packing of them reaches."""
+"""Cement: overgrowth rims on the grains, down to the target porosity, and the surface that they take away."""
 
 from __future__ import annotations
 
@@ -198,10 +198,10 @@ def growth_to_surface(phase: np.ndarray, voxel_size_um: float, per_um: float) ->
     if surface(0) <= per_um:
         return 1.0
     # the first growth that does: a shell half filled is rougher than the grain was
-    low, high = 0, min(most, int(FIRST_STEP * solid))
+    low, high = 0, min(most, 1 + int(FIRST_STEP * solid))
     while high < most and surface(high) > per_um:
-        low, high = high, min(most, 3 * high // 2)
-    while high - low > STEP * solid:
+        low, high = high, min(most, 1 + 3 * high // 2)
+    while high - low > max(1, STEP * solid):
         middle = (low + high) // 2
         low, high = (middle, high) if surface(middle) > per_um else (low, middle)
     return growth(high)
