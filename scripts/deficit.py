@@ -3,6 +3,7 @@
 from _stage import stage
 
 from grainfall import io, morphology, packing, random, stereology, volume
+from grainfall.surface import SolidSurface, core, solid_surface
 
 with stage(snakemake) as progress:
     files, settings = snakemake.input, snakemake.params.settings
@@ -24,8 +25,8 @@ with stage(snakemake) as progress:
         stereology.unfold_table(table, method=settings["stereology"]["method"], bootstrap=0)
         for table in (section_pores, pores)
     )
-    surface = morphology.SolidSurface(**io.read_json(files.section_surface))
-    core, voxel = volume.core(phase), attributes["voxel_size_um"]
+    surface = SolidSurface(**io.read_json(files.section_surface))
+    bed, voxel = core(phase), attributes["voxel_size_um"]
     sizes, deficit = packing.plan_deficit(
         scene,
         target,
@@ -39,8 +40,8 @@ with stage(snakemake) as progress:
         ),
         packing.Overgrowth(
             surface,
-            morphology.solid_surface(core, voxel),
-            volume.growth_to_surface(core, voxel, surface.per_um),
+            solid_surface(bed, voxel),
+            volume.growth_to_surface(bed, voxel, surface.per_um),
         ),
         porosity,
         sum(p * v for p, v in zip(scene["probabilities"], scene["mean_volumes_um3"], strict=True)),

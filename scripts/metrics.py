@@ -2,7 +2,8 @@
 
 from _stage import stage
 
-from grainfall import correlation, io, morphology, network, random, report, volume
+from grainfall import correlation, io, network, random, report
+from grainfall.surface import SolidSurface, core, solid_surface
 
 with stage(snakemake) as progress, io.open_volume(snakemake.input.twin, "phase") as (phase, _):
     files, settings = snakemake.input, snakemake.params.settings
@@ -52,8 +53,8 @@ with stage(snakemake) as progress, io.open_volume(snakemake.input.twin, "phase")
         **packing,
         **report.phase_values(phase, section),
         **report.surface_values(
-            morphology.solid_surface(volume.core(phase), scene["voxel_size_um"]),
-            morphology.SolidSurface(**io.read_json(files.section_surface)),
+            solid_surface(core(phase), scene["voxel_size_um"]),
+            SolidSurface(**io.read_json(files.section_surface)),
         ),
         **report.section_comparison(
             table("section_grains"),

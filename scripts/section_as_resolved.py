@@ -6,6 +6,7 @@ from _stage import stage
 
 from grainfall import io, morphology
 from grainfall.section import load_section, resample
+from grainfall.surface import solid_surface
 
 with stage(snakemake):
     section = load_section(snakemake.input.section)
@@ -21,4 +22,4 @@ with stage(snakemake):
     )
     io.write_table(snakemake.output.grains, found.grains)
     io.write_table(snakemake.output.pores, found.pores)
-    io.write_json(snakemake.output.surface, asdict(morphology.solid_surface(phase, voxel)))
+    io.write_json(snakemake.output.surface, asdict(solid_surface(phase, voxel)))

@@ -16,7 +16,7 @@ import trimesh
 import yaml
 from engines import angular_grains
 
-from grainfall import flow, grains, morphology, network, packing, section, stereology, volume
+from grainfall import flow, grains, network, packing, section, stereology, surface, volume
 from grainfall.errors import InputError
 from grainfall.morphology import analyse
 from grainfall.packing import bed as beds
@@ -365,7 +365,7 @@ def target(scene: dict, engine: str) -> tuple[dict, list[str]]:
         equal(1.5 * um),
         equal(0.5 * um),
         packing.PoreTail(None, None, 0.0, 0.0),
-        packing.Overgrowth(morphology.SolidSurface(1.0, 0.0), morphology.SolidSurface(1.0, 0.0), 1.0),
+        packing.Overgrowth(surface.SolidSurface(1.0, 0.0), surface.SolidSurface(1.0, 0.0), 1.0),
         porosity(first[0]),
         4 / 3 * np.pi * um**3,
     )

@@ -236,12 +236,6 @@ def test_some_growth_is_found_in_any_volume(seed, solid, per_um):
     assert 1.0 <= found <= full
 
 
-def test_the_core_of_a_volume_is_its_middle():
-    volume_ = np.arange(600 * 2 * 300).reshape(600, 2, 300)
-    np.testing.assert_array_equal(volume.core(volume_), volume_[172:428, :, 22:278])
-    np.testing.assert_array_equal(volume.core(volume_[:9]), volume_[:9, :, 22:278])
-
-
 def test_a_section_shows_rims_as_the_grains_mineral():
     bodies, phase, body, *_ = finished(0.6)
     seen = volume.as_minerals(phase, body, bodies)

@@ -14,7 +14,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grainfall import grains, io, network
-from grainfall.morphology import SolidSurface
 from grainfall.report import (
     METRICS,
     SUMMARY_COLUMNS,
@@ -38,6 +37,7 @@ from grainfall.report import (
     verdict,
     view3d,
 )
+from grainfall.surface import SolidSurface
 
 PIXEL = 2.0
 PHASES = ["pore", "quartz", "feldspar <b>"]

@@ -6,8 +6,8 @@ import pytest
 
 from grainfall import packing, stereology
 from grainfall.errors import InputError
-from grainfall.morphology import SolidSurface
 from grainfall.packing.densify import SLICK
+from grainfall.surface import SolidSurface
 
 SCENE = {
     "edge_grains": 8.0,

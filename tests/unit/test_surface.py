@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from grainfall import morphology
+from grainfall import surface
 
 
 def ball(edge, radius):
@@ -26,16 +26,16 @@ def boolean_rock(rng, shape, radius, number):
 
 def test_a_ball_in_space():
     solid = ball(60, 25)
-    surface = 4 * np.pi * 25**2 / (60**3 * 2)
-    assert morphology.specific_surface(~solid, 2.0) == pytest.approx(surface, rel=0.02)
-    assert morphology.solid_surface(solid, 2.0).per_um == pytest.approx(3 / 50, rel=0.02)
+    area = 4 * np.pi * 25**2 / (60**3 * 2)
+    assert surface.specific_surface(~solid, 2.0) == pytest.approx(area, rel=0.02)
+    assert surface.solid_surface(solid, 2.0).per_um == pytest.approx(3 / 50, rel=0.02)
 
 
 def test_a_disc_is_the_section_of_a_rod():
     z, x = np.indices((80, 80)) - 39.5
     disc = x**2 + z**2 < 30**2
     # a rod along a random direction would show 2 / r; across it, 4 / pi of that is seen
-    assert morphology.solid_surface(disc, 1.0).per_um == pytest.approx(4 / np.pi * 2 / 30, rel=0.02)
+    assert surface.solid_surface(disc, 1.0).per_um == pytest.approx(4 / np.pi * 2 / 30, rel=0.02)
 
 
 def test_a_section_shows_the_surface_of_space():
@@ -45,9 +45,9 @@ def test_a_section_shows_the_surface_of_space():
     solid = boolean_rock(rng, (edge,) * 3, radius, number)
     share = 1 - np.exp(-number * 4 / 3 * np.pi * radius**3 / edge**3)
     true = (1 - share) * number * 4 * np.pi * radius**2 / edge**3 / share  # of a Boolean model
-    space = morphology.solid_surface(solid, 1.0)
+    space = surface.solid_surface(solid, 1.0)
     assert abs(space.per_um - true) < 4 * space.error
-    sections = [morphology.solid_surface(solid[k], 1.0) for k in range(0, edge, 12)]
+    sections = [surface.solid_surface(solid[k], 1.0) for k in range(0, edge, 12)]
     found = np.array([s.per_um for s in sections])
     errors = np.array([s.error for s in sections])
     assert abs(found.mean() - space.per_um) < 3 * errors.mean() / np.sqrt(len(found))
@@ -56,5 +56,11 @@ def test_a_section_shows_the_surface_of_space():
 
 
 def test_without_solid_there_is_no_surface_to_hold_against():
-    assert morphology.solid_surface(np.zeros((4, 4)), 1.0).per_um == np.inf
-    assert morphology.solid_surface(np.ones((4, 4)), 1.0) == morphology.SolidSurface(0.0, 0.0)
+    assert surface.solid_surface(np.zeros((4, 4)), 1.0).per_um == np.inf
+    assert surface.solid_surface(np.ones((4, 4)), 1.0) == surface.SolidSurface(0.0, 0.0)
+
+
+def test_the_core_of_a_volume_is_its_middle():
+    volume_ = np.arange(600 * 2 * 300).reshape(600, 2, 300)
+    np.testing.assert_array_equal(surface.core(volume_), volume_[172:428, :, 22:278])
+    np.testing.assert_array_equal(surface.core(volume_[:9]), volume_[:9, :, 22:278])

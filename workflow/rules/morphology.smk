@@ -70,6 +70,6 @@ rule section_as_resolved:
         runtime=runtime(30),
     params:
         settings=settings("morphology"),
-        science=science("morphology"),
+        science=science("morphology", "surface"),
     script:
         "../../scripts/section_as_resolved.py"

@@ -112,7 +112,7 @@ rule metrics:
         stream=stream,
         settings=settings("packing", "flow", "correlation"),
         asked=ASKED,
-        science=science("report.tables", "correlation", "network", "volume.cement"),
+        science=science("report.tables", "correlation", "network", "surface"),
     script:
         "../../scripts/metrics.py"
 

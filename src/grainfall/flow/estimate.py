@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import skimage  # its parts load when they are first used
 
-from grainfall.morphology import specific_surface
+from grainfall.surface import specific_surface
 from grainfall.units import um2_to_millidarcy
 
 KOZENY = 5.0
@@ -23,7 +23,7 @@ def percolates(pore: np.ndarray) -> tuple[bool, bool, bool]:
 def kozeny_carman(pore: np.ndarray, voxel_size_um: float) -> tuple[float, float]:
     """Kozeny-Carman permeability phi^3 / (5 S^2) in mD and Bruggeman's formation factor phi^(-3/2).
 
-    ``S`` is the surface per bulk volume (:func:`grainfall.morphology.specific_surface`). Estimates: neither
+    ``S`` is the surface per bulk volume (:func:`grainfall.surface.specific_surface`). Estimates: neither
     looks at connections. Both are empty (NaN) without pore; without surface, K is.
     """
     phi = float(np.mean(pore))

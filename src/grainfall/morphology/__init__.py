@@ -5,11 +5,9 @@ from grainfall.morphology.classify import classify_grains
 from grainfall.morphology.measure import grain_masks, measure_grains, sampling_weights
 from grainfall.morphology.pores import inscribed_circles
 from grainfall.morphology.split import coverage, split_grains, split_pores
-from grainfall.morphology.surface import SolidSurface, solid_surface, specific_surface
 
 __all__ = [
     "Analysis",
-    "SolidSurface",
     "analyse",
     "classify_grains",
     "coverage",
@@ -18,8 +16,6 @@ __all__ = [
     "measure_grains",
     "measure_slices",
     "sampling_weights",
-    "solid_surface",
-    "specific_surface",
     "split_grains",
     "split_pores",
 ]

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 import scipy  # its stats take half a second to load, and do so when they are first used
 
-from grainfall.morphology import SolidSurface
+from grainfall.surface import SolidSurface
 
 SUMMARY_COLUMNS = (
     "sample", "variant", "realization", "engine", "n_grains", "voxel_size_um",

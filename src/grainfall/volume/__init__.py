@@ -1,6 +1,6 @@
 """Volume: bodies become voxels; porosity, topology and contacts of the result; cement; exports."""
 
-from grainfall.volume.cement import as_minerals, cement, core, grow_rims, growth_to_surface
+from grainfall.volume.cement import as_minerals, cement, grow_rims, growth_to_surface
 from grainfall.volume.coarsen import coarse_shape, coarsen, read_pore_space
 from grainfall.volume.correction import correct_porosity
 from grainfall.volume.export import export_metaimage, export_raw, export_vti
@@ -15,7 +15,6 @@ __all__ = [
     "cement",
     "coarse_shape",
     "coarsen",
-    "core",
     "correct_porosity",
     "describe",
     "euler_number",

@@ -10,7 +10,7 @@ import pandas as pd
 import scipy  # its transforms load when they are first used
 from numba import njit
 
-from grainfall.morphology import specific_surface
+from grainfall.surface import specific_surface
 from grainfall.volume.measures import porosity
 from grainfall.volume.scan import Meshes, voxelise
 
@@ -19,9 +19,6 @@ SUPPORT = 5
 
 SLAB = 64
 """Planes whose voxels are given to their nearest grains at a time: that takes some 20 bytes a voxel."""
-
-CORE = 256
-"""Edge, voxels, of the core of a bed on which its surface is looked at."""
 
 FIRST_STEP, STEP = 0.005, 0.0005
 """Share of the solid that is tried first as its growth, and the one to which the growth is found."""
@@ -152,11 +149,6 @@ def grow_rims(
     return grains, owner, rim
 
 
-def core(phase: np.ndarray) -> np.ndarray:
-    """The middle of a large volume, at most :data:`CORE` voxels an edge: surfaces differ little beyond it."""
-    return phase[tuple(slice(max(0, (n - CORE) // 2), (n + CORE) // 2) for n in phase.shape)]
-
-
 def growth_to_surface(phase: np.ndarray, voxel_size_um: float, per_um: float) -> float:
     """How much grains have grown in size that have so little surface left against the pores.
 
@@ -166,7 +158,7 @@ def growth_to_surface(phase: np.ndarray, voxel_size_um: float, per_um: float) ->
     Parameters
     ----------
     phase : (nz, ny, nx) int
-        A bed, 0 pore; :func:`core` gives enough of a large one.
+        A bed, 0 pore; :func:`grainfall.surface.core` gives enough of a large one.
     voxel_size_um : float
     per_um : float
         Surface wanted by volume of the solid, 1/um, of a bed whose grains are with their rims as large as

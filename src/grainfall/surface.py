@@ -9,6 +9,9 @@ import numpy as np
 CELLS = 64
 """Cells of an image between which its surface scatters: 8 x 8 of a section, 4 x 4 x 4 of a volume."""
 
+CORE = 256
+"""Edge, voxels, of the core of a volume on which its surface is looked at."""
+
 
 @dataclass(frozen=True)
 class SolidSurface:
@@ -44,6 +47,11 @@ def specific_surface(pore: np.ndarray, spacing_um: float) -> float:
     pore = np.asarray(pore).astype(bool)
     crossings = sum(np.count_nonzero(np.diff(pore, axis=axis)) for axis in range(pore.ndim))
     return 2.0 / pore.ndim * crossings / (pore.size * spacing_um)
+
+
+def core(phase: np.ndarray) -> np.ndarray:
+    """The middle of a large volume, at most :data:`CORE` voxels an edge: surfaces differ little beyond it."""
+    return phase[tuple(slice(max(0, (n - CORE) // 2), (n + CORE) // 2) for n in phase.shape)]
 
 
 def solid_surface(phase: np.ndarray, spacing_um: float) -> SolidSurface:
