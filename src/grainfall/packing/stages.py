@@ -217,7 +217,8 @@ def plan_deficit(
 
     Where the section's grains have grown together, cement is to take the surface that a packing has beyond
     theirs, and the packings aim above the target by what it will fill; above what grains pour to only where
-    the target is, too, since nothing but spheres would open the bed so far.
+    the target is, too, since nothing but spheres would open the bed so far. Rims that would fill no more than
+    the limit are left out: thinner than a voxel all along the grains, they would close small pores only.
 
     Parameters
     ----------
@@ -248,10 +249,17 @@ def plan_deficit(
         keep their share).
     """
     target_porosity = scene["porosity_target"]
-    rims = decide(cement, overgrowth.exceeds, overgrowth.words, possible=overgrowth.growth > 1)
-    wanted = overgrowth.porosity_before(target_porosity) if rims["on"] else target_porosity
+    wanted = overgrowth.porosity_before(target_porosity)
     if target_porosity <= porosity_first + limit:
         wanted = min(wanted, max(target_porosity, porosity_first))
+    fill = wanted - target_porosity
+    rims = decide(
+        cement,
+        overgrowth.exceeds and fill > limit,
+        f"{overgrowth.words}; rims that closed their contacts would fill {fill:.4f} of the region",
+        possible=fill > 0,
+    )
+    wanted = wanted if rims["on"] else target_porosity
     aim = f"porosity {wanted:.4f} before the rims" if rims["on"] else f"target porosity {wanted:.4f}"
     short = wanted - porosity_first
     # Pores of the volume share v in a matrix of the first packing's porosity.
