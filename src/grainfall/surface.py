@@ -77,11 +77,20 @@ def solid_surface(phase: np.ndarray, spacing_um: float) -> SolidSurface:
     faces, volume = _by_cells(crossings), _by_cells(solid)
     if not volume.sum():
         return SolidSurface(np.inf, np.inf)
-    ratio = faces.sum() / volume.sum()
-    n = len(faces)
-    scatter = ((faces - ratio * volume) ** 2).sum() * n / max(1, n - 1)
+    ratio, error = ratio_of_sums(faces, volume)
     to_surface = 2.0 / solid.ndim / spacing_um
-    return SolidSurface(float(to_surface * ratio), float(to_surface * np.sqrt(scatter) / volume.sum()))
+    return SolidSurface(float(to_surface * ratio), float(to_surface * error))
+
+
+def ratio_of_sums(part: np.ndarray, whole: np.ndarray) -> tuple[float, float]:
+    """Sum of one over the sum of the other, both (n,) by tiles of an image, and its standard error.
+
+    The error is that of the ratio estimator: residuals about the common ratio, whose spread over tiles holds
+    the spatial correlation that counting pixels would ignore.
+    """
+    n, ratio = len(part), part.sum() / whole.sum()
+    residual = part - ratio * whole
+    return ratio, np.sqrt(n / max(1, n - 1) * (residual**2).sum()) / whole.sum()
 
 
 def _by_cells(values: np.ndarray) -> np.ndarray:

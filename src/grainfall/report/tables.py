@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 import scipy  # its stats take half a second to load, and do so when they are first used
 
-from grainfall.surface import SolidSurface
+from grainfall.surface import SolidSurface, ratio_of_sums
 
 SUMMARY_COLUMNS = (
     "sample", "variant", "realization", "engine", "n_grains", "voxel_size_um",
@@ -397,10 +397,7 @@ def phase_values(twin_phase: np.ndarray, section_phase: np.ndarray, blocks: int 
     counts = np.array([np.bincount(t.ravel(), minlength=256)[: minerals.stop] for t in tiles], float)
     solid = counts[:, 1:].sum(1)
     for i in minerals:
-        share = counts[:, i].sum() / solid.sum()
-        # ratio estimator over tiles: residuals about the common share
-        residual = counts[:, i] - share * solid
-        error = np.sqrt(len(tiles) / (len(tiles) - 1) * (residual**2).sum()) / solid.sum()
+        share, error = ratio_of_sums(counts[:, i], solid)
         found[f"phase_fraction_{i}"] = twin[i] / twin[1 : minerals.stop].sum()
         found[f"phase_fraction_{i}_target"] = (share, share - 2 * error, share + 2 * error)
     return found
