@@ -25,8 +25,8 @@ class Metric:
 
 METRICS: dict[str, Metric] = {
     "porosity": Metric("porosity", "difference"),
-    "grain_sizes": Metric("grain radii", "Wasserstein distance over the mean radius"),
-    "pore_sizes": Metric("pore radii", "Wasserstein distance over the mean radius"),
+    "grain_sizes": Metric("grain radii", "Wasserstein distance by pore volume over the mean radius"),
+    "pore_sizes": Metric("pore radii", "Wasserstein distance by pore volume over the mean radius"),
     "s2": Metric("S₂", "largest difference"),
     "coordination": Metric("coordination", "relative difference"),
     "overlap": Metric("largest overlap", "share of the smaller radius"),

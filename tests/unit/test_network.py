@@ -109,7 +109,7 @@ def test_nothing_to_partition_gives_an_empty_network(fill, shape, tmp_path):
     network.save(net, tmp_path / "p.csv", tmp_path / "t.csv")
     back = network.load(tmp_path / "p.csv", tmp_path / "t.csv")
     assert {k: (v.shape, v.dtype) for k, v in back.items()} == {k: (v.shape, v.dtype) for k, v in net.items()}
-    assert network.summarise(net)["n"].tolist() == [0, 0, 0]
+    assert network.summarise(net)["n"].tolist() == [0, 0, 0, 0]
 
 
 @pytest.mark.parametrize("shape", [(1, 1, 7), (1, 6, 5), (2, 2, 2), (3, 2, 1)])
@@ -154,7 +154,27 @@ def test_sizes_of_two_balls_and_a_speck():
     assert sizes["coordination"].tolist() == [1, 1]
     assert sizes["pore_radius_um"] == pytest.approx([18, 18], abs=3)
     assert sizes["throat_radius_um"] == pytest.approx([6], abs=1.5)
+    assert sizes["pore_volume_um3"].sum() == pytest.approx((pore.sum() - 1) * 27)
     assert network.summarise(net).set_index("element").loc["coordination", "mean"] == 1
+
+
+def test_crevices_that_hold_nothing_change_no_pore_size():
+    """By number they would be nine pores of ten."""
+    pores = {"pore_radius_um": np.array([10.0, 20.0]), "pore_volume_um3": np.array([1.0, 3.0])}
+    crevices = {"pore_radius_um": np.full(18, 1.0), "pore_volume_um3": np.full(18, 1e-9)}
+    both = {key: np.append(pores[key], crevices[key]) for key in pores}
+    assert network.mean_pore_radius(pores) == 17.5
+    assert network.mean_pore_radius(both) == pytest.approx(17.5)
+    assert network.pore_radius_quantile(both, 0.2) == 10
+    assert network.pore_radius_quantile(both, 0.3) == 20
+    assert network.pore_size_distance(pores, pores) == 0
+    assert network.pore_size_distance(both, pores) == pytest.approx(0, abs=1e-6)
+    # all volume moves by one: so does the distance, either way
+    moved = pores | {"pore_radius_um": pores["pore_radius_um"] + 1}
+    assert network.pore_size_distance(moved, pores) == pytest.approx(1)
+    # a quarter of the volume lies ten further out
+    assert network.pore_size_distance(pores, {**pores, "pore_volume_um3": np.ones(2)}) == pytest.approx(2.5)
+    assert network.pore_size_distance(pores, {key: np.empty(0) for key in pores}) is None
 
 
 def test_a_speck_on_the_watershed_links_nothing(method):

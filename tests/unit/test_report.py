@@ -236,6 +236,7 @@ def small_network(rng, pores=30):
         "pore.boundary": ends,
         "pore.inscribed_diameter": rng.uniform(2, 9, pores),
         "pore.extended_diameter": rng.uniform(2, 9, pores),
+        "pore.volume": rng.uniform(8, 700, pores),
         "throat.conns": np.stack([np.arange(pores - 1), np.arange(1, pores)], axis=1),
         "throat.inscribed_diameter": rng.uniform(1, 4, pores - 1),
     }
@@ -610,8 +611,9 @@ def test_verdict_counts_only_what_has_a_target():
 
 
 def test_network_values():
-    sizes = {k: np.array([1.0, 2.0]) for k in ("pore_radius_um", "throat_radius_um", "coordination")}
-    moved = {k: v + 1 for k, v in sizes.items()}
+    names = ("pore_radius_um", "pore_volume_um3", "throat_radius_um", "coordination")
+    sizes = {k: np.array([1.0, 2.0]) for k in names}
+    moved = {k: v if k == "pore_volume_um3" else v + 1 for k, v in sizes.items()}
     found = network_values(sizes, moved)
     assert found["w1_network_pores_um"] == pytest.approx(1)
     assert len(metrics_table(found)) == 5

@@ -172,7 +172,7 @@ def network_method(settings: Sequence[str], rng: np.random.Generator, run: Run) 
     direct = {"k_md": flow.permeability(whole, 1.0, "direct").k_md.mean()}
     voxels, cells = 12.0, 4
     pore = spheres(voxels, cells, rng.uniform(-0.5, 0.5, 3))
-    exact = {"pore_radius_um": [(np.sqrt(3) - 1) * voxels / 2]}
+    exact = {"pores": _one_pore((np.sqrt(3) - 1) * voxels / 2)}
 
     for setting in settings:
         method, _, value = setting.partition("_")
@@ -186,7 +186,7 @@ def network_method(settings: Sequence[str], rng: np.random.Generator, run: Run) 
             return {"k_md": table.k_md.mean()}
 
         found, cost = run(lambda m=method, o=options: network.extract(pore, 1.0, m, **o))
-        yield Trial(setting, "formula", differences(network.element_sizes(found), exact), cost)
+        yield Trial(setting, "formula", differences({"pores": network.element_sizes(found)}, exact), cost)
         found, cost = run(k)
         yield Trial(setting, "direct", differences(found, direct), cost)
 
@@ -208,7 +208,7 @@ def voxels_per_grain(settings: Sequence[str], rng: np.random.Generator, run: Run
         lag = np.arange(round(voxels) + 1) / voxels
         exact = {
             "porosity": 1 - np.pi / 6,
-            "pore_radius_um": [(np.sqrt(3) - 1) / 2],
+            "pores": _one_pore((np.sqrt(3) - 1) / 2),
             "lag_um": lag,
             "s2": spheres_s2(lag),
             "k_md": 2 * 0.25 / (9 * (np.pi / 6) * ZICK_HOMSY),
@@ -224,7 +224,7 @@ def coarsen(settings: Sequence[str], rng: np.random.Generator, run: Run) -> Iter
         pore, voxel = joined(fine, 1.0, factor)
         found = network.extract(pore, voxel)
         k = flow.permeability(pore, voxel, network=found).k_md.mean()
-        return {"k_md": k, "pore_radius_um": network.element_sizes(found)["pore_radius_um"]}
+        return {"k_md": k, "pores": network.element_sizes(found)}
 
     yield from _against("1", {s: run(lambda s=s: seen(int(s))) for s in settings})
 
@@ -237,8 +237,13 @@ def _shapes(pore: np.ndarray, voxel: float) -> dict:
         "porosity": float(pore.mean()),
         "lag_um": along["lag_um"].to_numpy(),
         "s2": along["s2"].to_numpy(),
-        "pore_radius_um": network.element_sizes(network.extract(pore, voxel))["pore_radius_um"],
+        "pores": network.element_sizes(network.extract(pore, voxel)),
     }
+
+
+def _one_pore(radius: float) -> dict:
+    """Sizes of a network whose pores are all alike."""
+    return {"pore_radius_um": np.array([radius]), "pore_volume_um3": np.ones(1)}
 
 
 def grains_across(settings: Sequence[str], rng: np.random.Generator, run: Run) -> Iterator[Trial]:
@@ -263,7 +268,10 @@ def realizations(settings: Sequence[str], rng: np.random.Generator, run: Run) ->
     for setting in settings:
         found, costs = zip(*seen[: int(setting)], strict=True)
         mean = {key: np.mean([f[key] for f in found], axis=0) for key in ("porosity", "k_md", "lag_um", "s2")}
-        mean["pore_radius_um"] = np.concatenate([f["pore_radius_um"] for f in found])
+        mean["pores"] = {
+            key: np.concatenate([f["pores"][key] for f in found])
+            for key in ("pore_radius_um", "pore_volume_um3")
+        }
         cost = Cost(*np.sum(costs, axis=0)[:2], max(c.peak_rss_mb for c in costs))
         yield Trial(setting, "12 grains across", differences(mean, held), cost)
 

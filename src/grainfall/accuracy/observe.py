@@ -24,7 +24,7 @@ def observe(pore: np.ndarray, voxel_size_um: float) -> dict:
     -------
     dict
         porosity; k_md (by the network, mean of three axes); lag_um and s2 (of the solid, mean of three axes);
-        pore_radius_um (network pores).
+        pores (as :func:`grainfall.network.element_sizes` gives them).
     """
     pore = np.asarray(pore, bool)
     found = network.extract(pore, voxel_size_um)
@@ -34,7 +34,7 @@ def observe(pore: np.ndarray, voxel_size_um: float) -> dict:
         "k_md": float(flow.permeability(pore, voxel_size_um, "network").k_md.mean()),
         "lag_um": lags,
         "s2": s2,
-        "pore_radius_um": network.element_sizes(found)["pore_radius_um"],
+        "pores": network.element_sizes(found),
     }
 
 
@@ -62,7 +62,7 @@ def from_tables(s2: pd.DataFrame, flow: pd.DataFrame, method: str, sizes: Mappin
         "k_md": flow.loc[flow["method"] == method, "k_md"].mean(),
         "lag_um": mean.index.to_numpy(),
         "s2": mean.to_numpy(),
-        "pore_radius_um": sizes["pore_radius_um"],
+        "pores": sizes,
     }
 
 
@@ -86,8 +86,10 @@ def differences(found: Mapping, held: Mapping) -> dict[str, float]:
     for name, key in (("coordination", "coordination"), ("k", "k_md")):
         if found.get(key) is not None and held.get(key):
             errors[name] = found[key] / held[key] - 1
-    if len(found.get("pore_radius_um", ())) and len(held.get("pore_radius_um", ())):
-        errors["pore_sizes"] = relative_distance(found["pore_radius_um"], held["pore_radius_um"])
+    if "pores" in found and "pores" in held:
+        distance = network.pore_size_distance(found["pores"], held["pores"])
+        if distance is not None:
+            errors["pore_sizes"] = distance / network.mean_pore_radius(held["pores"])
     if "s2" in found and "s2" in held:
         lags = np.asarray(held["lag_um"])
         seen = lags <= max(found["lag_um"])

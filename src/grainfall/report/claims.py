@@ -152,7 +152,7 @@ def _spheres(table: pd.DataFrame) -> list[Claim]:
                 case,
                 f"{name} keep the tail of large pores",
                 "shown as a histogram" if paper else "-",
-                f"95 % quantile of network pore radii: {_said(tail)}, truth "
+                f"radius below which 95 % of the pore volume lies: {_said(tail)}, truth "
                 f"{number(tail['truth']) if tail else '-'}; grains alone {_said(tail_bare)} µm",
                 _within(_relative(tail), 1.0, 0.1),
             ),

@@ -664,13 +664,12 @@ def network_figure(
     Parameters
     ----------
     sizes, reference : mapping
-        ``pore_radius_um``, ``throat_radius_um``, ``coordination`` as
-        :func:`grainfall.network.element_sizes` gives them.
+        As :func:`grainfall.network.element_sizes` gives them.
     """
     figure = Figure(figsize=(WIDTH, 2.9))
     samples = {"twin": sizes} if reference is None else {"twin": sizes, "reference": reference}
     panels = (
-        ("pore_radius_um", "Pores", "radius (µm)", "density (1/µm)"),
+        ("pore_radius_um", "Pores", "radius (µm)", "pore volume (1/µm)"),
         ("throat_radius_um", "Throats", "radius (µm)", "density (1/µm)"),
         ("coordination", "Coordination", "throats per pore", "share of pores"),
     )
@@ -690,7 +689,8 @@ def network_figure(
             edges = np.linspace(0, last, 25)
         width = 1 if kind == "coordination" else np.diff(edges)
         for name, sample in values.items():
-            density = np.histogram(sample, edges)[0] / len(sample) / width
+            weight = samples[name]["pore_volume_um3"] if kind == "pore_radius_um" else np.ones(len(sample))
+            density = np.histogram(sample, edges, weights=weight)[0] / weight.sum() / width
             if name == "twin":
                 axes.stairs(density, edges, fill=True, color=to_rgba(TWIN, 0.35))
                 axes.stairs(density, edges, color=TWIN)

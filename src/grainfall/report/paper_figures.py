@@ -19,7 +19,6 @@ from matplotlib.colors import to_rgb, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import FancyArrowPatch, Patch
-from matplotlib.ticker import NullFormatter
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from skimage.measure import find_contours
 
@@ -509,31 +508,25 @@ def _network_panel(axes, r: Results, slab_um: float) -> None:
     axes.set(xlim=(0, edge), ylim=(0, edge), aspect="equal", xlabel="x (µm)", ylabel="y (µm)")
 
 
-def _pore_sizes(axes, volumes: Sequence[tuple], zoom: bool = True) -> None:
-    """Number densities of network pore radii, pooled over twins; the tail in an inset, logarithmic."""
-    pooled = [(np.concatenate(v), c, s, name) for v, c, s, name in volumes if v]
-    last = max(np.quantile(v, 0.999) for v, *_ in pooled)
-    edges = np.linspace(0, last, 26)
-    panels = [axes]
-    if zoom:
-        panels.append(axes.inset_axes([0.5, 0.38, 0.48, 0.4]))
-        panels[1].set_yscale("log")
-        panels[1].tick_params(labelsize=6)
-        panels[1].yaxis.set_major_formatter("{x:g}")
-        panels[1].yaxis.set_minor_formatter(NullFormatter())
-    for values, colour, style, name in pooled:
-        density = np.histogram(values, edges)[0] / len(values) / np.diff(edges)
-        for panel in panels:
-            panel.stairs(density, edges, color=colour, ls=style, lw=1.6, label=name)
-    axes.set(xlabel="network pore radius (µm)", ylabel="density (1/µm)", xlim=(0, last), ylim=(0, None))
+def _pore_sizes(axes, volumes: Sequence[tuple]) -> None:
+    """Pore volume over the radii of the network's pores, pooled over twins."""
+    pooled = [(_pooled(v), colour, style, name) for v, colour, style, name in volumes if v]
+    edges = np.linspace(0, max(sizes["pore_radius_um"].max() for sizes, *_ in pooled), 26)
+    for sizes, colour, style, name in pooled:
+        held = sizes["pore_volume_um3"]
+        density = np.histogram(sizes["pore_radius_um"], edges, weights=held)[0] / held.sum()
+        axes.stairs(density / np.diff(edges), edges, color=colour, ls=style, lw=1.6, label=name)
+    axes.set(xlabel="network pore radius (µm)", ylabel="share of pore volume (1/µm)")
+    axes.set(xlim=(0, edges[-1]), ylim=(0, None))
     axes.legend(fontsize=7, loc="upper right")
 
 
-def _radii(stems: Sequence[Path]) -> list[np.ndarray]:
-    return [
-        network.element_sizes(network.load(f"{s}_pores.csv", f"{s}_throats.csv"))["pore_radius_um"]
-        for s in stems
-    ]
+def _pooled(networks: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    return {key: np.concatenate([of[key] for of in networks]) for key in networks[0]}
+
+
+def _pores(stems: Sequence[Path]) -> list[dict[str, np.ndarray]]:
+    return [network.element_sizes(network.load(f"{s}_pores.csv", f"{s}_throats.csv")) for s in stems]
 
 
 @styled
@@ -548,9 +541,9 @@ def sample2_analysis(cases: Cases) -> Figure | None:
     _pore_sizes(
         panels[1],
         (
-            (_radii(cases.stems("virtual_spheres", "reference_network")), TRUTH, DASHED, "original"),
-            (_radii(cases.stems("virtual_spheres", "grains_only/*/network")), FIRST, DOTTED, "grains alone"),
-            (_radii(cases.stems("virtual_spheres", "full/*/network")), TWIN, "-", "with virtual spheres"),
+            (_pores(cases.stems("virtual_spheres", "reference_network")), TRUTH, DASHED, "original"),
+            (_pores(cases.stems("virtual_spheres", "grains_only/*/network")), FIRST, DOTTED, "grains alone"),
+            (_pores(cases.stems("virtual_spheres", "full/*/network")), TWIN, "-", "with virtual spheres"),
         ),
     )
     variants = (("full", TWIN, "-", "with spheres"), ("grains_only", FIRST, DOTTED, "grains alone"))
@@ -668,11 +661,10 @@ def sample3_analysis(cases: Cases) -> Figure | None:
     _pore_sizes(
         panels[1],
         (
-            (_radii(cases.stems("xct", "reference_network")), TRUTH, DASHED, "the rock"),
-            (_radii(cases.stems("xct", "tomogram/reference_network")), FIRST, DOTTED, "tomogram"),
-            (_radii(cases.stems("xct", "full/*/network")), TWIN, "-", "twin"),
+            (_pores(cases.stems("xct", "reference_network")), TRUTH, DASHED, "the rock"),
+            (_pores(cases.stems("xct", "tomogram/reference_network")), FIRST, DOTTED, "tomogram"),
+            (_pores(cases.stems("xct", "full/*/network")), TWIN, "-", "twin"),
         ),
-        zoom=False,
     )
     section = correlation.s2_image(r.section_phase > 0)
     lags = _cloud(panels[2], solid, voxel, FIRST, "tomogram, 20 slices", 0)
@@ -712,8 +704,8 @@ def berea(cases: Cases) -> Figure | None:
     _pore_sizes(
         grid[3],
         (
-            (_radii([cases.root / "data/berea/reference_network"]), TRUTH, DASHED, "Berea"),
-            (_radii(cases.stems("berea", "full/*/network")), TWIN, "-", "twins"),
+            (_pores([cases.root / "data/berea/reference_network"]), TRUTH, DASHED, "Berea"),
+            (_pores(cases.stems("berea", "full/*/network")), TWIN, "-", "twins"),
         ),
     )
     every = io.read_volume(volume, "phase")[0] == 0

@@ -90,7 +90,7 @@ METRICS: dict[str, Metric] = {
     "rattlers": Metric("share of grains that carry nothing", source="contacts.csv"),
     "n_pores": Metric("linked pores of the network", "pores", "network"),
     "n_throats": Metric("throats of the network", "throats", "network"),
-    "w1_network_pores_um": Metric("network pore radii, distance to the reference", "µm", "network"),
+    "w1_network_pores_um": Metric("network pore radii by volume, distance to the reference", "µm", "network"),
     "w1_network_throats_um": Metric("network throat radii, distance to the reference", "µm", "network"),
     "w1_network_coordination": Metric("pore coordination, distance to the reference", "throats", "network"),
     "solid_surface_per_um": Metric("surface of the solid by its volume, as voxels show it", "1/µm",
@@ -419,11 +419,10 @@ def surface_values(twin: SolidSurface, section: SolidSurface) -> dict[str, objec
 
 
 NETWORK_METRICS = {
-    "pore_radius_um": "w1_network_pores_um",
     "throat_radius_um": "w1_network_throats_um",
     "coordination": "w1_network_coordination",
 }
-"""Element sizes of a pore network and the metric of each."""
+"""Element sizes of a pore network that are compared by number, and the metric of each."""
 
 
 def network_values(
@@ -434,8 +433,7 @@ def network_values(
     Parameters
     ----------
     sizes, reference : mapping or None
-        ``pore_radius_um``, ``throat_radius_um``, ``coordination`` as
-        :func:`grainfall.network.element_sizes` gives them.
+        As :func:`grainfall.network.element_sizes` gives them.
     """
     if sizes is None:
         return {}
@@ -443,7 +441,12 @@ def network_values(
         "n_pores": len(sizes["pore_radius_um"]),
         "n_throats": len(sizes["throat_radius_um"]),
     }
-    for kind, name in NETWORK_METRICS.items() if reference is not None else ():
+    if reference is None:
+        return found
+    from grainfall import network  # it loads numba, which no other table needs
+
+    found["w1_network_pores_um"] = network.pore_size_distance(sizes, reference)
+    for kind, name in NETWORK_METRICS.items():
         both = len(sizes[kind]) and len(reference[kind])
         found[name] = scipy.stats.wasserstein_distance(sizes[kind], reference[kind]) if both else None
     return found

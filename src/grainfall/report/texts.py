@@ -78,7 +78,8 @@ TEXTS = {
     "network": Text(
         "Pore network",
         "Network",
-        "Radii of linked pores and of throats, throats per pore; twin against reference where there is one. "
+        "Radii of linked pores by their volume, of throats, and throats per pore; twin against reference "
+        "where there is one. "
         "Necks of a single voxel face are throats, too: the topology of the pore space is kept.",
         "Histograms of pore radii, throat radii and coordination of the pore network.",
         "The pore network has not been extracted, or has no pores.",

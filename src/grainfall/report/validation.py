@@ -90,10 +90,10 @@ QUANTITIES: dict[str, Quantity] = {
     "r_mean_ratio": Quantity("mean 3D grain radius over the truth's"),
     "w1_f3d": Quantity("3D grain radii, Wasserstein distance to the truth over its mean"),
     "s2_gap": Quantity("S₂ in 3D, largest distance to the truth's"),
-    "pore_r_um": Quantity("network pore radius, mean", "µm"),
-    "pore_r95_um": Quantity("network pore radius, 95 % quantile (tail of large pores)", "µm"),
+    "pore_r_um": Quantity("network pore radius, mean by pore volume", "µm"),
+    "pore_r95_um": Quantity("network pore radius below which 95 % of the pore volume lies", "µm"),
     "throat_r_um": Quantity("network throat radius, mean", "µm"),
-    "w1_pores": Quantity("network pore radii, Wasserstein distance to the truth over its mean"),
+    "w1_pores": Quantity("network pore radii by volume, Wasserstein distance to the truth over its mean"),
     "s2_envelope_p": Quantity("envelope test of the section's S₂ among slices, p"),
     "phantom": Quantity("phantom pores: solid taken for pore, share of the solid"),
 }
@@ -204,21 +204,20 @@ def _network_sizes(stem: Path) -> dict[str, np.ndarray]:
 
 def _pore_figures(sizes: Mapping, truth: Mapping) -> dict[str, tuple]:
     other = truth.get("sizes")
-    pores, throats = sizes["pore_radius_um"], sizes["throat_radius_um"]
-    if not len(pores) or not len(throats):
+    if not len(sizes["pore_radius_um"]) or not len(sizes["throat_radius_um"]):
         return {}
 
-    def of(measure, kind):
-        return (measure(sizes[kind]), measure(other[kind]) if other else None)
+    def of(measure):
+        return (measure(sizes), measure(other) if other else None)
 
     found = {
-        "pore_r_um": of(np.mean, "pore_radius_um"),
-        "pore_r95_um": of(lambda r: np.quantile(r, 0.95), "pore_radius_um"),
-        "throat_r_um": of(np.mean, "throat_radius_um"),
+        "pore_r_um": of(network.mean_pore_radius),
+        "pore_r95_um": of(lambda of: network.pore_radius_quantile(of, 0.95)),
+        "throat_r_um": of(lambda of: of["throat_radius_um"].mean()),
     }
     if other:
-        mean = other["pore_radius_um"].mean()
-        found["w1_pores"] = (stats.wasserstein_distance(pores, other["pore_radius_um"]) / mean, 0.0)
+        distance = network.pore_size_distance(sizes, other)
+        found["w1_pores"] = (distance / network.mean_pore_radius(other), 0.0)
     return found
 
 
