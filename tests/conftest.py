@@ -11,6 +11,11 @@ from grainfall.config import load_yaml
 ROOT = Path(__file__).resolve().parents[1]
 
 
+def pytest_collection_modifyitems(items):
+    """Runs of the whole workflow take minutes each: they start first, so that no core waits for the last."""
+    items.sort(key=lambda item: "workflow" not in item.path.parts)
+
+
 @pytest.fixture(scope="session")
 def root() -> Path:
     """The repository's root."""
