@@ -130,6 +130,7 @@ def _spheres(table: pd.DataFrame) -> list[Claim]:
         first = row_of(table, case, "full", "porosity_first")
         k, bare = (row_of(table, case, v, "k_ratio") for v in ("full", "grains_only"))
         tail, tail_bare = (row_of(table, case, v, "pore_r95_um") for v in ("full", "grains_only"))
+        circles = row_of(table, case, "full", "circle_r95_um")
         name = "Virtual spheres" if paper else "Virtual spheres, deficit above 0.10"
         if miss is None and not paper:
             continue
@@ -153,7 +154,8 @@ def _spheres(table: pd.DataFrame) -> list[Claim]:
                 f"{name} keep the tail of large pores",
                 "shown as a histogram" if paper else "-",
                 f"radius below which 95 % of the pore volume lies: {_said(tail)}, truth "
-                f"{number(tail['truth']) if tail else '-'}; grains alone {_said(tail_bare)} µm",
+                f"{number(tail['truth']) if tail else '-'}; grains alone {_said(tail_bare)} µm; circles on "
+                f"slices {_said(circles)}, the section's {number(circles['truth']) if circles else '-'} µm",
                 _within(_relative(tail), 1.0, 0.1),
             ),
         ]

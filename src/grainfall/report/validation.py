@@ -92,6 +92,10 @@ QUANTITIES: dict[str, Quantity] = {
     "s2_gap": Quantity("S₂ in 3D, largest distance to the truth's"),
     "pore_r_um": Quantity("network pore radius, mean by pore volume", "µm"),
     "pore_r95_um": Quantity("network pore radius below which 95 % of the pore volume lies", "µm"),
+    "circle_r95_um": Quantity(
+        "pore circles on slices, radius below which 95 % of their area lies; truth: the section's",
+        "µm",
+    ),
     "throat_r_um": Quantity("network throat radius, mean", "µm"),
     "w1_pores": Quantity("network pore radii by volume, Wasserstein distance to the truth over its mean"),
     "s2_envelope_p": Quantity("envelope test of the section's S₂ among slices, p"),
@@ -221,6 +225,15 @@ def _pore_figures(sizes: Mapping, truth: Mapping) -> dict[str, tuple]:
     return found
 
 
+def _circle_tail(path: Path) -> float | None:
+    """Radius below which 95 % of the area of a section's uncut pore circles lies."""
+    table = io.read_table(path)
+    area = table["weight"] * table["r_um"] ** 2
+    if not area.sum():
+        return None
+    return float(np.quantile(table["r_um"], 0.95, weights=area, method="inverted_cdf"))
+
+
 def _ratio(metrics: Mapping, value: str, of: str) -> float | None:
     one, other = (metrics.get(name) for name in (value, of))
     return None if pd.isna(one) or pd.isna(other) else float(one) / float(other)
@@ -253,6 +266,10 @@ def _of_twin(folder: Path, truth: Mapping, sample: str) -> dict[str, tuple]:
         "s2_gap": _s2_gap(radial(folder / "s2_volume.csv"), truth),
         "s2_envelope_p": (metrics.get("s2_envelope_p"), None),
         **_pore_figures(_network_sizes(folder / "network"), truth),
+        "circle_r95_um": (
+            _circle_tail(folder / "pores2d.csv"),
+            _circle_tail(folder.parent / "section_pores2d.csv"),
+        ),
     }
     if "grains" in truth and "k" in truth:
         bodies = io.read_table(folder / "bodies.csv")
