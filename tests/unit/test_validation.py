@@ -132,6 +132,23 @@ def test_the_size_bias_is_judged_by_intervals():
     assert "CV 0.1: 0.8" in judged({"a": [0.8]}).ours
 
 
+@pytest.mark.parametrize(("k", "status"), [(0.95, SHOWN), (0.8, NOT_SHOWN)])
+def test_closed_contacts_are_judged_against_points(k, status):
+    rows = [
+        figures({"a": [value]}, "virtual_spheres", variant, quantity)
+        for variant, quantity, value in (
+            ("full", "k_ratio", k),
+            ("touching", "k_ratio", 0.85),
+            ("full", "surface_ratio", 1.01),
+            ("touching", "surface_ratio", 1.1),
+        )
+    ]
+    (claim,) = (c for c in claims(aggregate(pd.concat(rows))) if c.claim.startswith("Rims"))
+    assert claim.status == status
+    assert "surface 1.01" in claim.ours
+    assert not any(c.claim.startswith("Rims") for c in claims(aggregate(pd.concat(rows[:3]))))
+
+
 def test_the_page_shows_the_benchmarks_whose_tables_are_there(tmp_path):
     rows = [
         {"scene": "all_at_<b>", "engine": "bullet", "verdict": "works", "overlap": 0.0123},

@@ -217,8 +217,7 @@ def plan_deficit(
 
     Where the section's grains have grown together, cement is to take the surface that a packing has beyond
     theirs, and the packings aim above the target by what it will fill; above what grains pour to only where
-    the target is, too, since nothing but spheres would open the bed so far. Rims that would fill no more than
-    the limit are left out: thinner than a voxel all along the grains, they would close small pores only.
+    the target is, too, since nothing but spheres would open the bed so far.
 
     Parameters
     ----------
@@ -255,7 +254,7 @@ def plan_deficit(
     fill = wanted - target_porosity
     rims = decide(
         cement,
-        overgrowth.exceeds and fill > limit,
+        overgrowth.exceeds and fill > 0,
         f"{overgrowth.words}; rims that closed their contacts would fill {fill:.4f} of the region",
         possible=fill > 0,
     )
