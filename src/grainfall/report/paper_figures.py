@@ -517,7 +517,7 @@ def _pore_sizes(axes, volumes: Sequence[tuple]) -> None:
         density = np.histogram(sizes["pore_radius_um"], edges, weights=held)[0] / held.sum()
         axes.stairs(density / np.diff(edges), edges, color=colour, ls=style, lw=1.6, label=name)
     axes.set(xlabel="network pore radius (µm)", ylabel="share of pore volume (1/µm)")
-    axes.set(xlim=(0, edges[-1]), ylim=(0, None))
+    axes.set(xlim=(0, edges[-1]), ylim=(0, 1.35 * axes.dataLim.ymax))  # the legend stands above the curves
     axes.legend(fontsize=7, loc="upper right")
 
 
