@@ -41,7 +41,7 @@ with stage(snakemake) as progress:
         packing.Overgrowth(
             surface,
             solid_surface(bed, voxel),
-            volume.growth_to_surface(bed, voxel, surface.per_um),
+            volume.fill_to_surface(bed, voxel, surface.per_um),
         ),
         porosity,
         sum(p * v for p, v in zip(scene["probabilities"], scene["mean_volumes_um3"], strict=True)),

@@ -365,7 +365,7 @@ def target(scene: dict, engine: str) -> tuple[dict, list[str]]:
         equal(1.5 * um),
         equal(0.5 * um),
         packing.PoreTail(None, None, 0.0, 0.0),
-        packing.Overgrowth(surface.SolidSurface(1.0, 0.0), surface.SolidSurface(1.0, 0.0), 1.0),
+        packing.Overgrowth(surface.SolidSurface(1.0, 0.0), surface.SolidSurface(1.0, 0.0), 0.0),
         porosity(first[0]),
         4 / 3 * np.pi * um**3,
     )

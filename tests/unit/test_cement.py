@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from grainfall import volume
+from grainfall.surface import solid_surface
 
 LIBRARY = SimpleNamespace(vertices=[], faces=[])
 CEMENT = 3
@@ -208,32 +209,55 @@ def test_grains_grown_together_are_cemented_though_the_packing_met_its_aim():
 
 
 @pytest.mark.parametrize("rim", [2, 3, 4])
-def test_growth_is_found_by_the_surface_that_spheres_lose_where_they_meet(rim):
+def test_fill_is_found_by_the_surface_that_spheres_lose_where_they_meet(rim):
     """Spheres on a cubic lattice that touch in points, grown by rims: flat where they meet."""
     touching, grown = 16, 16 + rim
     cap = grown - touching
     solid = 4 / 3 * np.pi * grown**3 - 6 * np.pi * cap**2 * (3 * grown - cap) / 3
     surface = 4 * np.pi * grown**2 - 6 * 2 * np.pi * grown * cap
-    growth = (solid / (4 / 3 * np.pi * touching**3)) ** (1 / 3)
-    z, y, x = (np.indices((64, 64, 64)) + 0.5) % 32 - 16
-    bed = (x**2 + y**2 + z**2 < touching**2).astype(np.uint8)
-    found = volume.growth_to_surface(bed, 0.5, growth * surface / solid / 0.5)
-    assert found == pytest.approx(growth, abs=0.1 * (growth - 1))
+    before = 4 / 3 * np.pi * touching**3
+    growth, filled = (solid / before) ** (1 / 3), (solid - before) / ((2 * touching) ** 3 - before)
+    found = volume.fill_to_surface(lattice_of("simple", 64), 1 / 2, growth * surface / solid * 2)
+    assert found == pytest.approx(filled, rel=0.15)
+
+
+def lattice_of(kind, edge):
+    """Touching spheres on a cubic lattice, two cells along each edge."""
+    at, radius = {
+        "simple": ([(0, 0, 0)], 1 / 2),
+        "body-centred": ([(0, 0, 0), (0.5, 0.5, 0.5)], np.sqrt(3) / 4),
+        "face-centred": ([(0, 0, 0), (0.5, 0.5, 0), (0.5, 0, 0.5), (0, 0.5, 0.5)], np.sqrt(2) / 4),
+    }[kind]
+    where = 2 * (np.indices((edge,) * 3) + 0.5) / edge
+    near = [np.abs((where.T - np.array(p) + 0.5) % 1 - 0.5) for p in at]
+    return (np.min([(d**2).sum(axis=-1) for d in near], axis=0) < radius**2).astype(np.uint8)
+
+
+@pytest.mark.parametrize("left", [0.8, 0.7, 0.6])
+def test_beds_lose_the_same_surface_with_the_same_share_of_their_pores(left):
+    """So the loose first packing says what rims in a denser one will do."""
+    beds = [lattice_of("simple", 96), lattice_of("body-centred", 112), lattice_of("face-centred", 136)]
+    assert np.ptp([(bed == 0).mean() for bed in beds]) > 0.2
+    filled = np.array(
+        [volume.fill_to_surface(bed, 1.0, left * solid_surface(bed, 1.0).per_um) for bed in beds]
+    )
+    rims = filled * [(bed == 0).mean() / (bed > 0).mean() for bed in beds]  # by the solid
+    assert np.ptp(filled) < 0.25 * filled.mean()
+    assert np.ptp(rims) > 0.8 * rims.mean()
 
 
 def test_grains_with_no_more_surface_than_wanted_do_not_grow():
     bed = volume.voxelise(lattice()[0], LIBRARY, (64, 64, 64), 1.0)[0]
-    assert volume.growth_to_surface(bed, 1.0, 0.31) == 1.0
-    assert volume.growth_to_surface(np.zeros_like(bed), 1.0, 0.1) == 1.0
+    assert volume.fill_to_surface(bed, 1.0, 0.31) == 0.0
+    assert volume.fill_to_surface(np.zeros_like(bed), 1.0, 0.1) == 0.0
+    assert volume.fill_to_surface(np.ones_like(bed), 1.0, -0.1) == 0.0
 
 
 @given(seed=st.integers(0, 10**6), solid=st.floats(0, 1), per_um=st.floats(0, 10))
 @settings(max_examples=60, deadline=None)
-def test_some_growth_is_found_in_any_volume(seed, solid, per_um):
+def test_some_fill_is_found_in_any_volume(seed, solid, per_um):
     bed = (np.random.default_rng(seed).random((3, 4, 5)) < solid).astype(np.uint8)
-    found = volume.growth_to_surface(bed, 1.0, per_um)
-    full = 1.0 if not bed.any() else (bed.size / bed.sum()) ** (1 / 3)
-    assert 1.0 <= found <= full
+    assert 0.0 <= volume.fill_to_surface(bed, 1.0, per_um) <= 0.95
 
 
 def test_a_section_shows_rims_as_the_grains_mineral():

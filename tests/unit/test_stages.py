@@ -141,9 +141,9 @@ NO_TAIL = packing.PoreTail(8.0, 8.0, -1.0, 0.0)
 VUGS = packing.PoreTail(20.0, 8.0, 5.0, 0.08)
 
 
-APART = packing.Overgrowth(SolidSurface(0.12, 0.001), SolidSurface(0.12, 0.001), 1.0)
-TOGETHER = packing.Overgrowth(SolidSurface(0.11, 0.001), SolidSurface(0.12, 0.001), 1.02)
-"""Grains as they are poured, and grown by 2 %: 0.0363 of the region where 0.4 of it is pore."""
+APART = packing.Overgrowth(SolidSurface(0.12, 0.001), SolidSurface(0.12, 0.001), 0.0)
+TOGETHER = packing.Overgrowth(SolidSurface(0.11, 0.001), SolidSurface(0.12, 0.001), 0.08)
+"""Grains as they are poured, and with rims in 0.08 of their pores: 0.0348 of a region of porosity 0.4."""
 
 
 def deficit(first, tail=NO_TAIL, overgrowth=APART, **over):
@@ -204,13 +204,13 @@ def test_sizes_survive_their_table():
 @pytest.mark.parametrize(
     ("first", "over", "on", "porosity", "words"),
     [
-        (0.35, {}, True, 1 - 0.6 / 1.02**3, "exceed the section's 0.11 beyond"),
+        (0.35, {}, True, 0.4 / 0.92, "exceed the section's 0.11 beyond"),
         (0.35, {"cement": "off"}, False, 0.4, "switched off in the config, although"),
         (0.35, {"overgrowth": APART}, False, 0.4, "do not exceed"),
         (0.35, {"overgrowth": APART, "cement": "on"}, False, 0.4, "with nothing to do"),
         # dense rock: rims in place of denser beds, none where nothing but spheres would open the bed
         (0.405, {}, True, 0.405, "would fill 0.0050 of the region"),
-        (0.45, {}, True, 1 - 0.6 / 1.02**3, "exceed"),
+        (0.45, {}, True, 0.4 / 0.92, "exceed"),
         (0.395, {}, False, 0.4, "exceed"),
     ],
 )
@@ -232,7 +232,7 @@ def test_grains_grown_together_are_packed_looser(first, over, on, porosity, word
 
 
 def test_surfaces_that_chance_may_tell_apart_call_for_nothing():
-    near = packing.Overgrowth(SolidSurface(0.118, 0.001), SolidSurface(0.12, 0.001), 1.005)
+    near = packing.Overgrowth(SolidSurface(0.118, 0.001), SolidSurface(0.12, 0.001), 0.02)
     assert not near.exceeds
     assert deficit(0.35, overgrowth=near)[1]["overgrowth"]["porosity"] == 0.4
     forced = deficit(0.35, overgrowth=near, cement="on")[1]["overgrowth"]

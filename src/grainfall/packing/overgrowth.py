@@ -18,20 +18,20 @@ class Overgrowth:
     ----------
     section, first : SolidSurface
         On pixels and voxels of one size.
-    growth : float
-        Linear growth at which the first packing's grains had the section's surface, see
-        :func:`grainfall.volume.growth_to_surface`; 1 where they have no more than it.
+    filled : float
+        Share of the first packing's pores that rims filled when its grains had the section's surface, see
+        :func:`grainfall.volume.fill_to_surface`; 0 where they have no more than it.
     """
 
     section: SolidSurface
     first: SolidSurface
-    growth: float
+    filled: float
 
     @property
     def exceeds(self) -> bool:
         """Whether the packing has more surface than chance explains."""
         error = (self.section.error**2 + self.first.error**2) ** 0.5
-        return self.growth > 1 and self.first.per_um - self.section.per_um > STANDARD_ERRORS * error
+        return self.filled > 0 and self.first.per_um - self.section.per_um > STANDARD_ERRORS * error
 
     @property
     def words(self) -> str:
@@ -43,5 +43,5 @@ class Overgrowth:
         )
 
     def porosity_before(self, target: float) -> float:
-        """Porosity of a bed that has the target's once its grains have grown so far."""
-        return 1 - (1 - target) / self.growth**3
+        """Porosity of a bed that has the target's once rims have filled that share of its pores."""
+        return target / (1 - self.filled)

@@ -242,7 +242,7 @@ def plan_deficit(
     sizes : VirtualSizes
     deficit : dict
         porosity_first, porosity_target, mean_sphere_volume_um3, mean_grain_volume_um3, tail (of
-        :class:`PoreTail`), overgrowth: on, forced, called_for, reason, growth, porosity (before the rims,
+        :class:`PoreTail`), overgrowth: on, forced, called_for, reason, filled, porosity (before the rims,
         what the packings aim for: the target where there are none); and virtual_spheres: on, forced,
         called_for, reason, p_sp (first guess), for_tail (whether the tail alone called for them, so that they
         keep their share).
@@ -297,7 +297,7 @@ def plan_deficit(
             "share": tail.share,
             "exceeds": tail.exceeds,
         },
-        "overgrowth": {**rims, "growth": float(overgrowth.growth), "porosity": float(wanted)},
+        "overgrowth": {**rims, "filled": float(overgrowth.filled), "porosity": float(wanted)},
         "virtual_spheres": {
             **spheres,
             "for_tail": bool(for_tail),

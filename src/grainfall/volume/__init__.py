@@ -1,6 +1,6 @@
 """Volume: bodies become voxels; porosity, topology and contacts of the result; cement; exports."""
 
-from grainfall.volume.cement import as_minerals, cement, grow_rims, growth_to_surface
+from grainfall.volume.cement import as_minerals, cement, fill_to_surface, grow_rims
 from grainfall.volume.coarsen import coarse_shape, coarsen, read_pore_space
 from grainfall.volume.correction import correct_porosity
 from grainfall.volume.export import export_metaimage, export_raw, export_vti
@@ -21,9 +21,9 @@ __all__ = [
     "export_metaimage",
     "export_raw",
     "export_vti",
+    "fill_to_surface",
     "finish",
     "grow_rims",
-    "growth_to_surface",
     "make_room",
     "packed_porosity",
     "porosity",

@@ -21,7 +21,7 @@ SLAB = 64
 """Planes whose voxels are given to their nearest grains at a time: that takes some 20 bytes a voxel."""
 
 FIRST_STEP, STEP = 0.005, 0.0005
-"""Share of the solid that is tried first as its growth, and the one to which the growth is found."""
+"""Share of the pores that is tried first as filled, and the one to which it is found."""
 
 SCATTER = np.array([3518319155, 2882110345, 2360945575], np.uint64)
 """Multipliers of the additive recurrence in three dimensions: 2^32 over powers of the root of x^4 = x + 1."""
@@ -149,11 +149,14 @@ def grow_rims(
     return grains, owner, rim
 
 
-def growth_to_surface(phase: np.ndarray, voxel_size_um: float, per_um: float) -> float:
-    """How much grains have grown in size that have so little surface left against the pores.
+def fill_to_surface(phase: np.ndarray, voxel_size_um: float, per_um: float) -> float:
+    """Share of a bed's pores that rims have filled when its grains have so little surface left.
 
     Where grains meet, rims close the gap between them: a bed of grains that touch in points loses surface as
-    it is cemented, more than the solid gains in size.
+    it is cemented, more than the solid gains in size. How much goes by the share of the pores that they
+    fill, nearly whatever the bed: touching spheres on a simple, a body-centred and a face-centred cubic
+    lattice (porosity 0.48, 0.32, 0.26) keep 0.6 of theirs with 0.53 to 0.59 of the pores filled, though the
+    grains have then grown in volume by 0.5, 0.3 and 0.2. So a loose bed tells what rims do in a denser one.
 
     Parameters
     ----------
@@ -167,36 +170,33 @@ def growth_to_surface(phase: np.ndarray, voxel_size_um: float, per_um: float) ->
     Returns
     -------
     float
-        Linear growth, at least 1: the solid fraction after over that before, to the power 1/3. At most that
-        which leaves a twentieth of the pores.
+        At most 0.95; 0 where the bed has no more surface than that, or no pore.
     """
     pores = int(np.count_nonzero(phase == 0))
     solid = phase.size - pores
-    if not solid:
-        return 1.0
+    if not (solid and pores):
+        return 0.0
     squared, voxels = _shells(phase)
-
-    def growth(filled: int) -> float:
-        return ((solid + filled) / solid) ** (1 / 3)
 
     def surface(filled: int) -> float:
         late, last = _left_of_the_last_shell(phase, squared, voxels, filled)
         pore = squared > last
         pore[late] = True
+        growth = ((solid + filled) / solid) ** (1 / 3)
         # by the size that the grains have when room is made for their rims
-        return growth(filled) * specific_surface(pore, voxel_size_um) * phase.size / (solid + filled)
+        return growth * specific_surface(pore, voxel_size_um) * phase.size / (solid + filled)
 
     most = pores * 19 // 20
     if surface(0) <= per_um:
-        return 1.0
-    # the first growth that does: a shell half filled is rougher than the grain was
-    low, high = 0, min(most, 1 + int(FIRST_STEP * solid))
+        return 0.0
+    # the first share that does: a shell half filled is rougher than the grain was
+    low, high = 0, min(most, 1 + int(FIRST_STEP * pores))
     while high < most and surface(high) > per_um:
         low, high = high, min(most, 1 + 3 * high // 2)
-    while high - low > max(1, STEP * solid):
+    while high - low > max(1, STEP * pores):
         middle = (low + high) // 2
         low, high = (middle, high) if surface(middle) > per_um else (low, middle)
-    return growth(high)
+    return high / pores
 
 
 def _shells(phase: np.ndarray, margin: int = 0) -> tuple[np.ndarray, np.ndarray]:
