@@ -367,9 +367,9 @@ def test_tapping_where_lubrication_is_not_enough():
     ]
 
 
-@pytest.mark.parametrize("tap", [1e-4, 1e-3])
+@pytest.mark.parametrize("tap", [1e-4, 1e-3, 3.5e-3])
 def test_a_bed_that_stays_too_loose_is_said_and_is_the_densest(tap):
-    """Taps are given up that would not do even if each further pass gained as much; cement does the rest."""
+    """Taps are given up that would not do even if each doubling gained as much; cement does the rest."""
     bed = Bed(0.51, tap=tap)
     bodies, report = bed.second(deficit(0.51)[1])
     assert not report["reached"]

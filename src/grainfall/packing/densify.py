@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import log2
 
 SLICK = 0.1
 """Least factor on friction: without any, grains hardly come to rest while others are poured upon them, and a
@@ -24,11 +25,11 @@ def match_density(
     """Feedback on lubrication, then on taps, until the porosity is within the tolerance of the target.
 
     Friction holds a bed open, so its coefficients are multiplied by a factor in [:data:`SLICK`, 1],
-    ``lubrication``. The first pass has as little friction as that: it tells whether lubrication suffices. If
-    so, the factor is bracketed by that pass and the loose packing and found by regula falsi; if not, the
-    slick bed is tapped, more often in each pass, as long as what the last one gained would do if each of
-    those left gained as much. The aim is a quarter of the tolerance above the target, because contracting
-    positions is a gentler correction than pulling grains apart.
+    ``lubrication``. The first pass has as little friction as that: it tells whether lubrication suffices.
+    If so, the factor is bracketed by that pass and the loose packing and found by regula falsi; if not, the
+    slick bed is tapped, twice as often in each pass, as long as what the last one gained with a doubling of
+    its taps would do if each of those left gained as much. The aim is a quarter of the tolerance above the
+    target, because contracting positions is a gentler correction than pulling grains apart.
 
     Parameters
     ----------
@@ -76,8 +77,8 @@ def match_density(
             nearest = min(nearest, found, key=lambda porosity: abs(porosity - target))
             if found <= aim:
                 many = taps, found
-            elif left * (few[1] - found) < found - target - tolerance:
-                break  # the next ones do less each, and together they would not do
+            elif left * (few[1] - found) / log2((1 + taps) / (1 + few[0])) < found - target - tolerance:
+                break  # the next ones do no more each, and together they would not do
             else:
                 few = taps, found
             taps = 2 * taps if many is None else (few[0] + many[0]) // 2
