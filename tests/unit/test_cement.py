@@ -145,8 +145,9 @@ NEEDED = {"called_for": True, "on": True}
 
 def finished(target, densification=NEEDED, overgrowth=None, **switches):
     scene = {**SCENE, "porosity_target": target}
-    overgrowth = overgrowth or {"on": False, "called_for": False, "porosity": target}
-    switches = {"position_scaling": "auto", "cement": "auto"} | switches
+    overgrowth = {"on": False, "called_for": False, "porosity": target} | (overgrowth or {})
+    overgrowth["section"] = {"per_um": 0.0, "error": 0.0}  # nothing to press for
+    switches = dict.fromkeys(("position_scaling", "cement", "compaction"), "auto") | switches
     bodies, slabs, *reports = volume.finish(lattice()[0], LIBRARY, scene, overgrowth, densification, switches)
     _, phase, body = (
         np.concatenate(parts) if i else parts for i, parts in enumerate(zip(*slabs, strict=True))

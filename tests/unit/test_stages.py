@@ -489,10 +489,11 @@ def test_plan_gives_reason_and_cost_or_saving_of_every_effect():
     _, second = bed.second(plan)
     scaling = {"applied": True, "forced": False, "reason": "positions scaled", "wall_s": 4.0, "passes": 4}
     cement = {**packing.decide("off", False, "no need"), "wall_s": 0.0}
+    cement["compaction"] = {**packing.decide("auto", False, "there are no rims"), "wall_s": 0.0}
     found = packing.effects_plan(scene(), first, plan, second, scaling, cement)
     assert all(effect["reason"] for effect in found.values())
-    optional = "decomposition refinement phase_mixing virtual_spheres densification position_scaling cement"
-    assert set(optional.split()) <= set(found)
+    optional = "decomposition refinement phase_mixing virtual_spheres densification position_scaling"
+    assert {*optional.split(), "compaction", "cement"} <= set(found)
     for effect in found.values():
         assert effect["saved_s"] is None or not effect["on"]
         assert effect["cost_s"] is None or effect["on"]

@@ -120,6 +120,7 @@ def test_plan_says_why(finished):
         "virtual_spheres",
         "densification",
         "cement",
+        "compaction",
         "position_scaling",
         "phase_mixing",
         "refinement",

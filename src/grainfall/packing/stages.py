@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -242,10 +243,10 @@ def plan_deficit(
     sizes : VirtualSizes
     deficit : dict
         porosity_first, porosity_target, mean_sphere_volume_um3, mean_grain_volume_um3, tail (of
-        :class:`PoreTail`), overgrowth: on, forced, called_for, reason, filled, porosity (before the rims,
-        what the packings aim for: the target where there are none); and virtual_spheres: on, forced,
-        called_for, reason, p_sp (first guess), for_tail (whether the tail alone called for them, so that they
-        keep their share).
+        :class:`PoreTail`), overgrowth: on, forced, called_for, reason, filled, section (its surface),
+        porosity (before the rims, what the packings aim for: the target where there are none); and
+        virtual_spheres: on, forced, called_for, reason, p_sp (first guess), for_tail (whether the tail alone
+        called for them, so that they keep their share).
     """
     target_porosity = scene["porosity_target"]
     wanted = overgrowth.porosity_before(target_porosity)
@@ -297,7 +298,12 @@ def plan_deficit(
             "share": tail.share,
             "exceeds": tail.exceeds,
         },
-        "overgrowth": {**rims, "filled": float(overgrowth.filled), "porosity": float(wanted)},
+        "overgrowth": {
+            **rims,
+            "filled": float(overgrowth.filled),
+            "porosity": float(wanted),
+            "section": asdict(overgrowth.section),
+        },
         "virtual_spheres": {
             **spheres,
             "for_tail": bool(for_tail),

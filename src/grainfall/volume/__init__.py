@@ -1,7 +1,8 @@
 """Volume: bodies become voxels; porosity, topology and contacts of the result; cement; exports."""
 
-from grainfall.volume.cement import as_minerals, cement, fill_to_surface, grow_rims
+from grainfall.volume.cement import as_minerals, cement, fill_to_surface, grow_rims, with_rims
 from grainfall.volume.coarsen import coarse_shape, coarsen, read_pore_space
+from grainfall.volume.compaction import compact
 from grainfall.volume.correction import correct_porosity
 from grainfall.volume.export import export_metaimage, export_raw, export_vti
 from grainfall.volume.finish import finish, make_room, write_twin
@@ -15,6 +16,7 @@ __all__ = [
     "cement",
     "coarse_shape",
     "coarsen",
+    "compact",
     "correct_porosity",
     "describe",
     "euler_number",
@@ -30,5 +32,6 @@ __all__ = [
     "read_pore_space",
     "voxelise",
     "voxelise_slabs",
+    "with_rims",
     "write_twin",
 ]

@@ -199,6 +199,18 @@ def fill_to_surface(phase: np.ndarray, voxel_size_um: float, per_um: float) -> f
     return high / pores
 
 
+def with_rims(phase: np.ndarray, target: float) -> np.ndarray:
+    """Whether a voxel is solid once rims have brought a bed, (nz, ny, nx) with 0 for pores, to a porosity."""
+    missing = _missing(phase, target)
+    if missing <= 0 or not phase.any():
+        return phase > 0
+    squared, voxels = _shells(phase)
+    late, last = _left_of_the_last_shell(phase, squared, voxels, missing)
+    solid = squared <= last
+    solid[late] = False
+    return solid
+
+
 def _shells(phase: np.ndarray, margin: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Squared distances to the solid within the margin, and how many pore voxels lie at each."""
     squared = edt.edtsq(np.ascontiguousarray(phase == 0), black_border=False)

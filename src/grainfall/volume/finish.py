@@ -10,7 +10,9 @@ import pandas as pd
 
 from grainfall.io import CHUNK, create_volume
 from grainfall.packing.plan import decide
+from grainfall.surface import SolidSurface
 from grainfall.volume.cement import cement
+from grainfall.volume.compaction import compact
 from grainfall.volume.correction import correct_porosity
 from grainfall.volume.scan import Meshes, voxelise_slabs
 
@@ -40,7 +42,7 @@ def finish(
     densification : mapping
         Of the second packing's report: cement is called for, too, where densification was and fell short.
     switches : mapping
-        ``position_scaling`` and ``cement``: auto, on or off.
+        ``position_scaling``, ``cement`` and ``compaction``: auto, on or off.
     limit : float
         Largest porosity difference that position scaling may mend.
 
@@ -54,8 +56,9 @@ def finish(
     scaling : dict
         As :func:`grainfall.volume.correct_porosity` gives it.
     rims : dict
-        As :func:`grainfall.volume.cement` gives it, with on, forced, called_for, reason, and ``room``: the
-        factor on all lengths of the bed that made room for the rims (:func:`make_room`).
+        As :func:`grainfall.volume.cement` gives it, with on, forced, called_for, reason, ``room``: the
+        factor on all lengths of the bed that made room for the rims (:func:`make_room`), and
+        ``compaction``: as :func:`grainfall.volume.compact` gives it.
     """
     target, shape, voxel = scene["porosity_target"], scene["shape_zyx"], scene["voxel_size_um"]
     grains, scaling = correct_porosity(
@@ -83,11 +86,28 @@ def finish(
     )
     if rims["on"]:
         grains, room = make_room(grains, scene, left)
+        grains, pressed = compact(
+            grains,
+            library,
+            scene,
+            SolidSurface(**overgrowth["section"]),
+            dense=densification["called_for"],
+            switch=switches["compaction"],
+        )
         phase, body, grown = cement(grains, library, shape, voxel, target, len(scene["phases"]))
-        rims["reason"] += f": rims of {grown['rim_um']:.3g} um on grains {100 * (1 - room):.2g} % smaller"
-        return grains, iter([(0, phase, body)]), scaling, {**grown, "room": room, **rims}
+        size = 100 * (room * pressed["factor"] - 1)
+        rims["reason"] += f": rims of {grown['rim_um']:.3g} um on grains {abs(size):.2g} % "
+        rims["reason"] += "smaller" if size < 0 else "larger"
+        return (
+            grains,
+            iter([(0, phase, body)]),
+            scaling,
+            {**grown, "room": room, "compaction": pressed, **rims},
+        )
     nothing = {"target": target, "before": left, "after": left, "share": 0.0, "rim_um": 0.0, "wall_s": 0.0}
     nothing["room"] = 1.0
+    nothing["compaction"] = decide(switches["compaction"], False, "there are no rims", possible=False)
+    nothing["compaction"] |= {"factor": 1.0, "porosity": left, "wall_s": 0.0}
     slabs = voxelise_slabs(grains, library, shape, voxel, slab=CHUNK)
     return grains, slabs, scaling, {**nothing, **rims}
 

@@ -1,0 +1,105 @@
+"""Grains pressed into each other where rims would round what the section shows angular."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+import trimesh
+
+from grainfall import volume
+from grainfall.surface import SolidSurface, solid_surface
+
+CUBE = trimesh.creation.box(extents=[1, 1, 1])
+CUBES = SimpleNamespace(vertices=[CUBE.vertices.view(np.ndarray)], faces=[CUBE.faces.astype(np.int32)])
+TRUE = 1.3
+"""Growth of the cubes of the rock."""
+
+
+def cubes(edge, shape=0):
+    """Cubes (or spheres) turned at random, on a lattice of 30 voxels that reaches beyond the region."""
+    xyz = np.stack(np.meshgrid(*[30 * (np.arange(-1, 5) + 0.5)] * 3), axis=-1).reshape(-1, 3)
+    q = np.random.default_rng(0).normal(size=(len(xyz), 4))
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    bodies = pd.DataFrame({"id": range(len(xyz)), "kind": "grain", "phase": 1, "shape": shape})
+    return bodies.assign(scale=edge, **dict(zip("xyz", xyz.T, strict=True))).assign(
+        **dict(zip(("qw", "qx", "qy", "qz"), q.T, strict=True))
+    )
+
+
+def rock(bodies):
+    """Surface of the bodies grown in their own shapes, and the scene that has their porosity."""
+    phase, _ = volume.voxelise(bodies.assign(scale=TRUE * bodies["scale"]), CUBES, (120,) * 3, 1.0)
+    scene = {"shape_zyx": [120] * 3, "voxel_size_um": 1.0, "porosity_target": volume.porosity(phase) - 0.0005}
+    return SolidSurface(solid_surface(phase, 1.0).per_um, 0.0), scene
+
+
+@pytest.fixture(scope="module")
+def angular():
+    bodies = cubes(12.0)
+    return bodies, *rock(bodies)
+
+
+def compacted(angular, **given):
+    bodies, section, scene = angular
+    return volume.compact(bodies, CUBES, scene, section, **{"dense": True} | given)
+
+
+def test_angular_grains_are_pressed_to_the_sections_surface(angular):
+    bodies, report = compacted(angular)
+    assert report["on"]
+    assert report["factor"] == pytest.approx(TRUE, abs=0.005)
+    assert report["porosity"] > angular[2]["porosity_target"]
+    assert "less than the section's" in report["reason"]
+    assert "pressed to 76.9 % of" in report["reason"]  # 1 / 1.3
+    np.testing.assert_allclose(bodies["scale"], report["factor"] * angular[0]["scale"])
+    pd.testing.assert_frame_equal(bodies.drop(columns="scale"), angular[0].drop(columns="scale"))
+
+
+def test_half_way_between_pressing_and_rims(angular):
+    bodies, section, scene = angular
+    rims = solid_surface(
+        volume.with_rims(
+            volume.voxelise(bodies, CUBES, scene["shape_zyx"], 1.0)[0], scene["porosity_target"]
+        ),
+        1.0,
+    )
+    wanted = SolidSurface((section.per_um + rims.per_um) / 2, 0.0)
+    moved, report = volume.compact(bodies, CUBES, scene, wanted, dense=True)
+    assert 1.0 < report["factor"] < TRUE
+    phase, _ = volume.voxelise(moved, CUBES, scene["shape_zyx"], 1.0)
+    twin = volume.with_rims(phase, scene["porosity_target"])
+    assert abs((~twin).mean() - scene["porosity_target"]) < 1e-6
+    assert solid_surface(twin, 1.0).per_um == pytest.approx(wanted.per_um, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"switch": "off"}, "switched off in the config, although with rims alone"),
+        ({"dense": False}, "no looser than wanted"),
+    ],
+)
+def test_where_it_is_not_to_act_the_bed_stays(angular, given, words):
+    bodies, report = compacted(angular, **given)
+    assert bodies is angular[0]
+    assert not report["on"]
+    assert report["factor"] == 1.0
+    assert words in report["reason"]
+
+
+@pytest.mark.parametrize("switch", ["auto", "on"])
+def test_round_grains_leave_nothing_to_press(switch):
+    """A sphere with a rim is a larger sphere: both ways leave the same surface, on voxels within 5 %."""
+    spheres = cubes(9.0, shape=-1)
+    section, scene = rock(spheres)
+    bodies, report = volume.compact(
+        spheres, CUBES, scene, SolidSurface(0.95 * section.per_um, 0.0), dense=True, switch=switch
+    )
+    assert bodies is spheres
+    assert not report["on"]
+
+
+def test_less_surface_than_chance_explains_is_left_alone(angular):
+    section = SolidSurface(angular[1].per_um, 0.2 * angular[1].per_um)
+    assert not compacted((angular[0], section, angular[2]))[1]["on"]
