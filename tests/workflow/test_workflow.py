@@ -136,11 +136,14 @@ def test_plan_says_why(finished):
 def test_rock_too_dense_for_its_grains_is_cemented(finished, tmp_path):
     """A target below any packing: met to a voxel, the minerals unchanged, the cement a phase of its own."""
     folder = shutil.copytree(finished, tmp_path / "dense")
-    dense = {"scene": {"porosity": 0.12}, "effects": {"densification": "off"}}
-    bare = {"scene": {"porosity": 0.12}, "effects": {"densification": "off", "cement": False}}
-    write_config(folder, changed(realizations=1, variants={"cemented": dense, "bare": bare}), "dense.yaml")
-    cemented, bare = folder / "results/tiny/cemented/0", folder / "results/tiny/bare/0"
-    wanted = [f"{twin}/{name}" for twin in (cemented, bare) for name in ("metrics.csv", "plan.json")]
+    off = {"pressed": {}, "cemented": {"compaction": "off"}, "bare": {"cement": False}}
+    dense = {
+        name: {"scene": {"porosity": 0.12}, "effects": {"densification": "off", **effects}}
+        for name, effects in off.items()
+    }
+    write_config(folder, changed(realizations=1, variants=dense), "dense.yaml")
+    twins = pressed, cemented, bare = [folder / f"results/tiny/{name}/0" for name in off]
+    wanted = [f"{twin}/{name}" for twin in twins for name in ("metrics.csv", "plan.json")]
     wanted = [Path(w).relative_to(folder) for w in [*wanted, cemented / "figures/block.svg"]]
     done = snakemake(folder, "--", *wanted, config="dense.yaml")
     assert done.returncode == 0, done.stdout[-6000:]
@@ -172,6 +175,13 @@ def test_rock_too_dense_for_its_grains_is_cemented(finished, tmp_path):
     assert not missed["cement"]["on"]
     assert "although the packing leaves a porosity of" in missed["cement"]["reason"]
     assert without["porosity"] - 0.12 > 0.1
+    assert missed["compaction"]["reason"] == "there are no rims"
+    # the section's grains are rougher than such rims; pressed into each other they keep more of their surface
+    assert "pressed to" in json.loads((pressed / "plan.json").read_text())["compaction"]["reason"]
+    rougher = pd.read_csv(pressed / "metrics.csv").set_index("metric")["value"]
+    assert rougher["porosity"] == metrics["porosity"]
+    assert rougher["solid_surface_per_um"] > metrics["solid_surface_per_um"]
+    assert rougher["cement_share"] < metrics["cement_share"]
 
 
 def test_second_run_does_nothing(finished):
