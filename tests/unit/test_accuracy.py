@@ -291,6 +291,14 @@ class TestTheStudy:
         said = [text.get_text() for part in figure.subfigs for axis in part.axes for text in axis.texts]
         assert said == ["coarse", "fine"]
 
+    def test_every_knob_has_its_panel(self):
+        rows = repeats({"1": [0.2, 0.3], "2": [0.05, 0.04]}, {"1": 1, "2": 9})
+        rows = pd.concat([rows.assign(scene=knob, knob=knob, against="truth") for knob in known.KNOBS])
+        sweep = {"against": "finest", "known": dict.fromkeys(known.KNOBS)}
+        figure = accuracy_figure(accuracy.summarise(rows), sweep)
+        titles = [axis.get_title() for axis in figure.subfigs[-1].axes]
+        assert len(set(filter(None, titles))) == len(known.KNOBS)
+
     def test_drawn_before_anything_has_an_error(self):
         only = repeats({"finest": [0.0, 0.0]}, {"finest": 1.0}).assign(knob="base", difference=np.nan)
         sweep = {"packing": {"base": ["finest"]}, "against": "finest", "presets": [], "known": {}}

@@ -54,6 +54,7 @@ TITLES = {
     "flow_tier": "flow tier",
     "network_method": "pore network",
     "voxels_per_grain": "voxels across a grain",
+    "coarsen": "voxels joined before the network",
     "grains_across": "grains across the box",
     "realizations": "realizations",
     "slices": "slices behind S₂",
