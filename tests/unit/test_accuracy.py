@@ -296,7 +296,7 @@ class TestTheStudy:
         rows = pd.concat([rows.assign(scene=knob, knob=knob, against="truth") for knob in known.KNOBS])
         sweep = {"against": "finest", "known": dict.fromkeys(known.KNOBS)}
         figure = accuracy_figure(accuracy.summarise(rows), sweep)
-        titles = [axis.get_title() for axis in figure.subfigs[-1].axes]
+        titles = [axis.get_title("left") for axis in figure.subfigs[-1].axes]
         assert len(set(filter(None, titles))) == len(known.KNOBS)
 
     def test_drawn_before_anything_has_an_error(self):
