@@ -747,7 +747,8 @@ def _k_axes(axes, cases: Cases) -> None:
         axes.plot([x - 0.3, x + 0.3], [along(reference, axis)] * 2, color=TRUTH, ls=DASHED, lw=2,
                   label="Berea, same method" if x == 0 else None)  # fmt: skip
     axes.axhline(BEREA_PUBLISHED_MD, color=SECTION, lw=1, ls=DOTTED, label="published mean of cubes")
-    axes.set(xticks=range(3), xticklabels=list("xyz"), xlabel="axis", ylabel="K (mD)", ylim=(0, None))
+    axes.set(xticks=range(3), xticklabels=list("xyz"), xlabel="axis", ylabel="K (mD)")
+    axes.set_ylim(0, 1.08 * axes.get_ylim()[1])
     axes.legend(fontsize=6.5)
 
 
