@@ -12,9 +12,6 @@ CELLS = 64
 CORE = 256
 """Edge, voxels, of the core of a volume on which its surface is looked at."""
 
-STANDARD_ERRORS = 2.33
-"""Standard errors by which one surface must exceed another: 99 % on one side."""
-
 
 @dataclass(frozen=True)
 class SolidSurface:

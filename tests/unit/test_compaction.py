@@ -76,7 +76,7 @@ def test_half_way_between_pressing_and_rims(angular):
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"switch": "off"}, "switched off in the config, although with rims alone"),
+        ({"switch": "off"}, "switched off in the config, although the bed is looser"),
         ({"dense": False}, "no looser than wanted"),
     ],
 )
@@ -98,8 +98,3 @@ def test_round_grains_leave_nothing_to_press(switch):
     )
     assert bodies is spheres
     assert not report["on"]
-
-
-def test_less_surface_than_chance_explains_is_left_alone(angular):
-    section = SolidSurface(angular[1].per_um, 0.2 * angular[1].per_um)
-    assert not compacted((angular[0], section, angular[2]))[1]["on"]

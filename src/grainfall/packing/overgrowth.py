@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from grainfall.surface import STANDARD_ERRORS, SolidSurface
+from grainfall.surface import SolidSurface
+
+STANDARD_ERRORS = 2.33
+"""Standard errors by which the first packing's surface must exceed the section's: 99 % on one side."""
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import pandas as pd
 
 from grainfall.packing.plan import decide
-from grainfall.surface import STANDARD_ERRORS, SolidSurface, core, solid_surface
+from grainfall.surface import SolidSurface, solid_surface
 from grainfall.volume.cement import with_rims
 from grainfall.volume.measures import porosity
 from grainfall.volume.scan import Meshes, voxelise
@@ -33,7 +33,9 @@ def compact(
     them. Contacts flatten by the first and the free surface stays as rough as it was; the second smooths it.
     Of a bed with the room for it made, the first is the grains drawn larger in their own shapes, so that
     they overlap where they touch (distances, in radii, shrink), the second an even rim. Where the second
-    alone would leave less surface than the section shows, the first takes as much as brings it back.
+    alone would leave less surface than the section shows, the first takes as much as brings it back. That
+    the rock was compacted is told by its being denser than its grains can be packed; how much, by the
+    surface: an estimate, with the sampling error of the section, not a test.
 
     Parameters
     ----------
@@ -47,7 +49,8 @@ def compact(
     section : SolidSurface
         Of the section, on pixels of the voxels' size.
     dense : bool
-        Whether densification was called for: only a rock denser than its grains pour to has been compacted.
+        Whether densification was called for and fell short: only a rock denser than its grains can be packed
+        has been compacted.
     switch : {"auto", "on", "off"}
     threads : int
         Slabs voxelised at the same time.
@@ -72,18 +75,17 @@ def compact(
 
     def at(factor: float) -> tuple[float, SolidSurface]:
         phase, _ = voxelise(pressed(factor), library, shape, voxel, threads=threads)
-        return porosity(phase), solid_surface(with_rims(core(phase), target), voxel)
+        return porosity(phase), solid_surface(with_rims(phase, target), voxel)
 
     left, rims = at(1.0)
-    error = (section.error**2 + rims.error**2) ** 0.5
-    short = left > target and section.per_um - rims.per_um > STANDARD_ERRORS * error
+    short = left > target and rims.per_um < section.per_um
     effect = decide(
         switch,
         dense and short,
-        f"with rims alone the twin has {rims.per_um:.4g} um2 of surface a um3 of solid, "
-        f"{'less than' if short else 'no less than'} the section's {section.per_um:.4g} beyond sampling"
-        + ("" if dense else "; the bed is no looser than wanted"),
-        possible=left > target and rims.per_um < section.per_um,
+        f"the bed is {'' if dense else 'no '}looser than wanted, and with rims alone the twin has "
+        f"{rims.per_um:.4g} um2 of surface a um3 of solid, {'' if short else 'no '}less than the section's "
+        f"{section.per_um:.4g}",
+        possible=short,
     )
     factor, surface = 1.0, rims
     if effect["on"]:

@@ -91,7 +91,7 @@ def finish(
             library,
             scene,
             SolidSurface(**overgrowth["section"]),
-            dense=densification["called_for"],
+            dense=densification["called_for"] and left - overgrowth["porosity"] > limit,
             switch=switches["compaction"],
         )
         phase, body, grown = cement(grains, library, shape, voxel, target, len(scene["phases"]))
