@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 from grainfall import volume
-from grainfall.surface import SolidSurface, solid_surface
+from grainfall.surface import solid_surface
 
 CUBE = trimesh.creation.box(extents=[1, 1, 1])
 CUBES = SimpleNamespace(vertices=[CUBE.vertices.view(np.ndarray)], faces=[CUBE.faces.astype(np.int32)])
@@ -31,7 +31,7 @@ def rock(bodies):
     """Surface of the bodies grown in their own shapes, and the scene that has their porosity."""
     phase, _ = volume.voxelise(bodies.assign(scale=TRUE * bodies["scale"]), CUBES, (120,) * 3, 1.0)
     scene = {"shape_zyx": [120] * 3, "voxel_size_um": 1.0, "porosity_target": volume.porosity(phase) - 0.0005}
-    return SolidSurface(solid_surface(phase, 1.0).per_um, 0.0), scene
+    return solid_surface(phase, 1.0).per_um, scene
 
 
 @pytest.fixture(scope="module")
@@ -64,13 +64,13 @@ def test_half_way_between_pressing_and_rims(angular):
         ),
         1.0,
     )
-    wanted = SolidSurface((section.per_um + rims.per_um) / 2, 0.0)
+    wanted = (section + rims.per_um) / 2
     moved, report = volume.compact(bodies, CUBES, scene, wanted, dense=True)
     assert 1.0 < report["factor"] < TRUE
     phase, _ = volume.voxelise(moved, CUBES, scene["shape_zyx"], 1.0)
     twin = volume.with_rims(phase, scene["porosity_target"])
     assert abs((~twin).mean() - scene["porosity_target"]) < 1e-6
-    assert solid_surface(twin, 1.0).per_um == pytest.approx(wanted.per_um, rel=0.01)
+    assert solid_surface(twin, 1.0).per_um == pytest.approx(wanted, rel=0.01)
 
 
 @pytest.mark.parametrize(
@@ -93,8 +93,6 @@ def test_round_grains_leave_nothing_to_press(switch):
     """A sphere with a rim is a larger sphere: both ways leave the same surface, on voxels within 5 %."""
     spheres = cubes(9.0, shape=-1)
     section, scene = rock(spheres)
-    bodies, report = volume.compact(
-        spheres, CUBES, scene, SolidSurface(0.95 * section.per_um, 0.0), dense=True, switch=switch
-    )
+    bodies, report = volume.compact(spheres, CUBES, scene, 0.95 * section, dense=True, switch=switch)
     assert bodies is spheres
     assert not report["on"]

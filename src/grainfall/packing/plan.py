@@ -70,7 +70,7 @@ def effects_plan(
     Notes
     -----
     Estimates: a packing takes as long as the first one, a refined one (half the step) twice as long; a pass
-    of scaling as long as its first voxelisation, cement two of them, compaction six.
+    of scaling as long as its first voxelisation, cement two of them, compaction ten.
     """
     refinement = first["refinement"]
     once = first["wall_s"] - (refinement["cost_s"] or 0.0)
@@ -99,7 +99,7 @@ def effects_plan(
             {**scaling, "on": scaling["applied"]}, cost_s=scaling["wall_s"], saved_s=voxelising
         ),
         "compaction": _entry(
-            cement["compaction"], cost_s=cement["compaction"]["wall_s"], saved_s=6 * voxelising
+            cement["compaction"], cost_s=cement["compaction"]["wall_s"], saved_s=10 * voxelising
         ),
         "cement": _entry(cement, cost_s=cement["wall_s"], saved_s=2 * voxelising),
     }

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -243,7 +242,7 @@ def plan_deficit(
     sizes : VirtualSizes
     deficit : dict
         porosity_first, porosity_target, mean_sphere_volume_um3, mean_grain_volume_um3, tail (of
-        :class:`PoreTail`), overgrowth: on, forced, called_for, reason, filled, section (its surface),
+        :class:`PoreTail`), overgrowth: on, forced, called_for, reason, filled, section_per_um,
         porosity (before the rims, what the packings aim for: the target where there are none); and
         virtual_spheres: on, forced, called_for, reason, p_sp (first guess), for_tail (whether the tail alone
         called for them, so that they keep their share).
@@ -302,7 +301,7 @@ def plan_deficit(
             **rims,
             "filled": float(overgrowth.filled),
             "porosity": float(wanted),
-            "section": asdict(overgrowth.section),
+            "section_per_um": float(overgrowth.section.per_um),
         },
         "virtual_spheres": {
             **spheres,

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import pandas as pd
 
 from grainfall.packing.plan import decide
-from grainfall.surface import SolidSurface, solid_surface
+from grainfall.surface import solid_surface
 from grainfall.volume.cement import with_rims
 from grainfall.volume.measures import porosity
 from grainfall.volume.scan import Meshes, voxelise
@@ -21,11 +21,10 @@ def compact(
     bodies: pd.DataFrame,
     library: Meshes,
     scene: Mapping,
-    section: SolidSurface,
+    per_um: float,
     *,
     dense: bool,
     switch: str = "auto",
-    threads: int = 1,
 ) -> tuple[pd.DataFrame, dict]:
     """Grains pressed into each other, as far as the section's surface says; rims are to take what is left.
 
@@ -46,14 +45,12 @@ def compact(
         Meshes of the shapes.
     scene : mapping
         shape_zyx, voxel_size_um, porosity_target.
-    section : SolidSurface
-        Of the section, on pixels of the voxels' size.
+    per_um : float
+        The section's surface by volume of the solid, 1/um, on pixels of the voxels' size.
     dense : bool
         Whether densification was called for and fell short: only a rock denser than its grains can be packed
         has been compacted.
     switch : {"auto", "on", "off"}
-    threads : int
-        Slabs voxelised at the same time.
 
     Returns
     -------
@@ -73,18 +70,18 @@ def compact(
     def pressed(factor: float) -> pd.DataFrame:
         return bodies.assign(scale=factor * bodies["scale"])
 
-    def at(factor: float) -> tuple[float, SolidSurface]:
-        phase, _ = voxelise(pressed(factor), library, shape, voxel, threads=threads)
-        return porosity(phase), solid_surface(with_rims(phase, target), voxel)
+    def at(factor: float) -> tuple[float, float]:
+        phase, _ = voxelise(pressed(factor), library, shape, voxel)
+        return porosity(phase), solid_surface(with_rims(phase, target), voxel).per_um
 
     left, rims = at(1.0)
-    short = left > target and rims.per_um < section.per_um
+    short = left > target and rims < per_um
     effect = decide(
         switch,
         dense and short,
         f"the bed is {'' if dense else 'no '}looser than wanted, and with rims alone the twin has "
-        f"{rims.per_um:.4g} um2 of surface a um3 of solid, {'' if short else 'no '}less than the section's "
-        f"{section.per_um:.4g}",
+        f"{rims:.4g} um2 of surface a um3 of solid, {'' if short else 'no '}less than the section's "
+        f"{per_um:.4g}",
         possible=short,
     )
     factor, surface = 1.0, rims
@@ -95,12 +92,12 @@ def compact(
             # the first trials near 1, as the pores are filled by a few per cent
             middle = factor + min((high - factor) / 2, 0.05)
             found, now = at(middle)
-            if found > target and now.per_um < section.per_um:
+            if found > target and now < per_um:
                 factor, left, surface = middle, found, now
             else:
                 high = middle
         effect["reason"] += (
-            f"; grains pressed to {100 / factor:.3g} % of their distances bring it to {surface.per_um:.4g}"
+            f"; grains pressed to {100 / factor:.3g} % of their distances bring it to {surface:.4g}"
         )
     return pressed(factor) if factor > 1 else bodies, {
         **effect,

@@ -10,7 +10,6 @@ import pandas as pd
 
 from grainfall.io import CHUNK, create_volume
 from grainfall.packing.plan import decide
-from grainfall.surface import SolidSurface
 from grainfall.volume.cement import cement
 from grainfall.volume.compaction import compact
 from grainfall.volume.correction import correct_porosity
@@ -90,7 +89,7 @@ def finish(
             grains,
             library,
             scene,
-            SolidSurface(**overgrowth["section"]),
+            overgrowth["section_per_um"],
             dense=densification["called_for"] and left - overgrowth["porosity"] > limit,
             switch=switches["compaction"],
         )
