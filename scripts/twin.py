@@ -15,6 +15,7 @@ with stage(snakemake) as progress:
         io.read_json(snakemake.input.packing)["densification"],
         settings["effects"],
         settings["feedback"]["limit"],
+        progress=progress,
     )
     # Cement takes the whole region; other voxels are left to the jobs of the slabs, where there are any.
     here = slabs if snakemake.params.whole or cement["on"] else ()

@@ -46,7 +46,10 @@ def compacted(angular, **given):
 
 
 def test_angular_grains_are_pressed_to_the_sections_surface(angular):
-    bodies, report = compacted(angular)
+    said = []
+    bodies, report = compacted(angular, progress=said.append)
+    assert len(said) >= 5
+    assert f"the section has {angular[1]:.4g}" in said[0]
     assert report["on"]
     assert report["factor"] == pytest.approx(TRUE, abs=0.005)
     assert report["porosity"] > angular[2]["porosity_target"]

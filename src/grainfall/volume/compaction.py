@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import pandas as pd
 
@@ -25,6 +25,7 @@ def compact(
     *,
     dense: bool,
     switch: str = "auto",
+    progress: Callable[[str], None] | None = None,
 ) -> tuple[pd.DataFrame, dict]:
     """Grains pressed into each other, as far as the section's surface says; rims are to take what is left.
 
@@ -51,6 +52,8 @@ def compact(
         Whether densification was called for and fell short: only a rock denser than its grains can be packed
         has been compacted.
     switch : {"auto", "on", "off"}
+    progress : callable, optional
+        Called with a line of text at each trial.
 
     Returns
     -------
@@ -92,6 +95,11 @@ def compact(
             # the first trials near 1, as the pores are filled by a few per cent
             middle = factor + min((high - factor) / 2, 0.05)
             found, now = at(middle)
+            if progress:
+                progress(
+                    f"grains pressed to {100 / middle:.3g} % of their distances: {now:.4g} um2 of surface "
+                    f"a um3 of solid, the section has {per_um:.4g}"
+                )
             if found > target and now < per_um:
                 factor, left, surface = middle, found, now
             else:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +24,7 @@ def finish(
     densification: Mapping,
     switches: Mapping[str, str],
     limit: float = 0.01,
+    progress: Callable[[str], None] | None = None,
 ) -> tuple[pd.DataFrame, Iterator[tuple[int, np.ndarray, np.ndarray]], dict, dict]:
     """The twin of a packing: grains scaled in position or cemented, where the porosity calls for it.
 
@@ -44,6 +45,8 @@ def finish(
         ``position_scaling``, ``cement`` and ``compaction``: auto, on or off.
     limit : float
         Largest porosity difference that position scaling may mend.
+    progress : callable, optional
+        Called with a line of text.
 
     Returns
     -------
@@ -92,6 +95,7 @@ def finish(
             overgrowth["section_per_um"],
             dense=densification["called_for"] and left - overgrowth["porosity"] > limit,
             switch=switches["compaction"],
+            progress=progress,
         )
         phase, body, grown = cement(grains, library, shape, voxel, target, len(scene["phases"]))
         size = 100 * (room * pressed["factor"] - 1)
