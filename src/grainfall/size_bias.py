@@ -21,7 +21,7 @@ def packs(
     porosity: float,
     voxels_per_radius: float,
     edge: int,
-    section: tuple[int, int],
+    grains: int,
 ) -> Iterator[dict]:
     """A truth, and packs of the sizes that its section tells with and without the inversion.
 
@@ -40,8 +40,8 @@ def packs(
         Mean radius of the truth, voxels.
     edge : int
         Least edge of a pack, voxels; more where two of its largest spheres would not fit beside each other.
-    section : (int, int)
-        Height and width of the section, voxels of the truth.
+    grains : int
+        Whole grains that the section of the truth is to show: it is as large as that takes, and a tenth more.
 
     Yields
     ------
@@ -59,7 +59,8 @@ def packs(
         glass = Mineral("glass", 1.0, radii.mean(), 0.0, 0.0, radii)
         return synthesise(stream(chapter), shape, 1.0, [glass], exponent=2, packed_porosity=porosity)
 
-    truth = spheres("section/synthetic", (room(quantiles), *section), quantiles)
+    side = section_side(quantiles, porosity, 1.1 * grains)
+    truth = spheres("section/synthetic", (room(quantiles), side, side), quantiles)
     phase, grain = truth.section(PIXEL)
     seen = morphology.analyse(phase, PIXEL, instances=grain).grains
     sizes = stereology.unfold_table(seen, method="adaptive", bootstrap=0)
@@ -79,3 +80,26 @@ def packs(
             "r_sauter_um": (r**3).sum() / (r**2).sum(),
             "k_md": flow.permeability(solid == 0, 1.0, "network").k_md.mean(),
         }
+
+
+def section_side(radii: np.ndarray, porosity: float, grains: float) -> int:
+    """Edge of a square section that shows so many whole spheres, rounded up.
+
+    A plane cuts N_A = 2 E[R] N_V of them per area, N_V = (1 - porosity) / (4/3 pi E[R^3]); those that its
+    border cuts in turn are lost along an edge of one mean section, (pi/2) E[R^2] / E[R].
+
+    Parameters
+    ----------
+    radii : array
+        Radii, any unit of length.
+    porosity : float
+    grains : float
+        Whole sections wanted, in expectation.
+
+    Returns
+    -------
+    int
+        In units of the radii.
+    """
+    per_area = 2 * radii.mean() * (1 - porosity) / (4 / 3 * np.pi * (radii**3).mean())
+    return int(np.ceil((grains / per_area) ** 0.5 + np.pi / 2 * (radii**2).mean() / radii.mean()))

@@ -23,7 +23,7 @@ def studied(finished, tmp_path_factory):
     """The finished tiny twins as two cases, the sweep beside them, and the page of it all."""
     folder = tmp_path_factory.mktemp("cases")
     shutil.copytree(finished, folder, dirs_exist_ok=True)
-    sweep = {"cv": [0.3], "truths": 1, "voxels_per_radius": 4, "edge": 32, "section": [80, 80]}
+    sweep = {"cv": [0.3], "truths": 1, "voxels_per_radius": 4, "edge": 32, "grains": 60}
     scan = {"rim_um": 20, "crush_um": 3}
     for case, over in (("stereology", {}), ("xct", {"tomogram": scan}), ("cv_sweep", {"cv_sweep": sweep})):
         write_config(folder, {**TINY, "case": case, **over}, f"{case}.yaml")
