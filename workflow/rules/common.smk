@@ -480,6 +480,7 @@ def come_so_far(wildcards):
     """What is there of the cases to be gathered."""
     found = [
         *Path("results").glob("*/*/*/metrics.csv"),
+        *Path("results").glob("*/*/*/second/volume.zarr.zip"),  # of figures
         *Path("results").glob("cv_sweep/*/*.csv"),
         *Path("results").glob("*/tomogram/reference_flow.csv"),
     ]
