@@ -115,7 +115,7 @@ def _stereology(table: pd.DataFrame) -> list[Claim]:
                 "-48 %, one sample, called systematic",
                 f"spheres, K over the truth's without the inversion: {said}"
                 + (f"; above 1 from CV {above[0]:g}" if len(above) else "")
-                + f"; n = {int(k['n'].min())} to {int(k['n'].max())} of each",
+                + f"; n = {' to '.join(f'{n:g}' for n in sorted({k['n'].min(), k['n'].max()}))} of each",
                 # one spread of sizes that surely loses less than a third speaks against it
                 NOT_SHOWN if (k["lower"] > 2 / 3).any() else SHOWN if (k["upper"] < 2 / 3).all() else OPEN,
             )
