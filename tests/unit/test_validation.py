@@ -130,6 +130,7 @@ def test_the_size_bias_is_judged_by_intervals():
     assert judged({"a": [0.5], "b": [0.51], "c": [0.49]}).status == SHOWN
     assert judged({"a": [0.8]}).status == OPEN
     assert "CV 0.1: 0.8" in judged({"a": [0.8]}).ours
+    assert judged({"a": [0.8], "b": [0.81]}).ours.endswith("n = 2 of each")
 
 
 @pytest.mark.parametrize(("k", "status"), [(0.95, SHOWN), (0.8, NOT_SHOWN)])

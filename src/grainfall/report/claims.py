@@ -107,6 +107,7 @@ def _stereology(table: pd.DataFrame) -> list[Claim]:
         cv = k["quantity"].str.partition("@cv")[2].astype(float)
         ratio = pd.Series(k["mean"].to_numpy(), index=cv.to_numpy()).sort_index()
         above = ratio.index[ratio > 1]
+        of_each = " to ".join(f"{n:g}" for n in sorted({k["n"].min(), k["n"].max()}))
         said = ", ".join(f"CV {c:g}: {number(v)}" for c, v in ratio.items())
         found.append(
             Claim(
@@ -115,7 +116,7 @@ def _stereology(table: pd.DataFrame) -> list[Claim]:
                 "-48 %, one sample, called systematic",
                 f"spheres, K over the truth's without the inversion: {said}"
                 + (f"; above 1 from CV {above[0]:g}" if len(above) else "")
-                + f"; n = {' to '.join(f'{n:g}' for n in sorted({k['n'].min(), k['n'].max()}))} of each",
+                + f"; n = {of_each} of each",
                 # one spread of sizes that surely loses less than a third speaks against it
                 NOT_SHOWN if (k["lower"] > 2 / 3).any() else SHOWN if (k["upper"] < 2 / 3).all() else OPEN,
             )
