@@ -1,6 +1,6 @@
 """How long convex grains take to settle, on one core.
 
-    python tests/benchmarks/packing_speed.py [--numbers 1000 4000 10000] [--plain 200] [--out ...]
+    python tests/benchmarks/packing_speed.py [--numbers 1000 4000 10000] [--columns 1000 20000] [--out ...]
 
 The process is pinned to one core. Engines of this project deposit the grains of 32 vertices to the paper's
 sleep criterion (below 0.01 for 300 steps) in a box as wide as the bed is high, as the region of a twin asks
@@ -49,8 +49,13 @@ def width(n: int) -> float:
     return (n * np.pi / 6 / 0.6) ** (1 / 3)
 
 
-def this_project(engine: str, n: int, library: Library, rng: np.random.Generator) -> dict:
-    """A deposition of about ``n`` grains; how many it took is in the row."""
+def this_project(
+    engine: str, n: int, library: Library, rng: np.random.Generator, floor: int | None = None
+) -> dict:
+    """A deposition of about ``n`` grains; how many it took is in the row.
+
+    On the floor of the cube that ``floor`` grains fill it is a column, which is not brought to rest.
+    """
     parameters = Parameters.named(
         engine=engine,
         hull_vertices=HULL_VERTICES,
@@ -58,7 +63,8 @@ def this_project(engine: str, n: int, library: Library, rng: np.random.Generator
         sleep_steps=SLEEP_STEPS,
     )
     margin, diameter = 1.0, 2 * RADIUS
-    roi = (width(n) - 2 * margin) * diameter
+    side = width(floor or n)
+    roi = tuple((edge - 2 * margin) * diameter for edge in (side, side, width(n) ** 3 / side**2))
     supply = pd.DataFrame(
         {"kind": "grain", "phase": 1, "shape": rng.integers(0, len(library.vertices), n), "scale": RADIUS}
     )
@@ -67,16 +73,18 @@ def this_project(engine: str, n: int, library: Library, rng: np.random.Generator
     bodies = deposit(supply, library, box, parameters, rng, rest=False)
     poured = time.process_time() - begin
     report = bodies.attrs["report"]
-    _, rest = settle(bodies, library, box, parameters)
-    return {
+    row = {
         "n_grains": report["poured"],
         "pour_cpu_s": poured,
         "body_steps": round(report["mean_active"] * report["steps"]),
         "settled": report["asleep"] / report["poured"],
         "steps": report["steps"],
-        "rest_steps": rest["steps"],
-        "note": "" if rest["at_rest"] else "not at rest in the end",
+        "note": "",
     }
+    if floor is None:
+        _, rest = settle(bodies, library, box, parameters)
+        row |= {"rest_steps": rest["steps"], "note": "" if rest["at_rest"] else "not at rest in the end"}
+    return row
 
 
 def layers(n: int, kinds: int, rng: np.random.Generator) -> Iterator[tuple[list, np.ndarray, int]]:
@@ -210,6 +218,9 @@ def main() -> None:
         "--bullet", type=int, nargs="*", default=[1000], help="numbers for this project's Bullet"
     )
     options.add_argument(
+        "--columns", type=int, nargs="*", default=[1000, 4000, 20000], help="numbers for PhysX's columns"
+    )
+    options.add_argument(
         "--plain", type=int, nargs="*", default=[200, 1000], help="numbers for the plain loop"
     )
     options.add_argument("--yade", type=int, default=20, help="number for YADE's polyhedra")
@@ -225,16 +236,18 @@ def main() -> None:
 
     for n in given.plain:
         keep(timed("pybullet, plain loop", plain_pybullet, n, library, np.random.default_rng(1)))
-    for engine, numbers in (("physx", given.numbers), ("bullet", given.bullet)):
+    for name, engine, numbers, floor in (
+        ("physx", "physx", given.numbers, None),
+        ("physx, column", "physx", given.columns, min(given.columns, default=None)),
+        ("bullet", "bullet", given.bullet, None),
+    ):
         for n in numbers:
-            row = timed(engine, this_project, engine, n, library, np.random.default_rng(1))
-            mine = [r for r in rows if r["engine"] == engine] + [row]
+            row = timed(name, this_project, engine, n, library, np.random.default_rng(1), floor)
+            mine = [r for r in rows if r["engine"] == name] + [row]
             if len(mine) > 1:
                 steps, poured, cost = (exponent(mine, c) for c in ("body_steps", "pour_cpu_s", "cpu_s"))
-                slope = (
-                    f"steps of bodies grow as n^{steps:.2f}, pouring as n^{poured:.2f}, "
-                    f"with the final rest n^{cost:.2f}"
-                )
+                slope = f"steps of bodies grow as n^{steps:.2f}, pouring as n^{poured:.2f}"
+                slope += "" if floor else f", with the final rest n^{cost:.2f}"
                 row["note"] = "; ".join(filter(None, (row["note"], slope)))
             keep(row)
     if shutil.which("yade"):
