@@ -241,6 +241,8 @@ def main() -> None:
         ("physx, column", "physx", given.columns, min(given.columns, default=None)),
         ("bullet", "bullet", given.bullet, None),
     ):
+        if numbers:
+            this_project(engine, 100, library, np.random.default_rng(0))  # compiles and loads
         for n in numbers:
             row = timed(name, this_project, engine, n, library, np.random.default_rng(1), floor)
             mine = [r for r in rows if r["engine"] == name] + [row]
