@@ -81,6 +81,20 @@ class OverBudget(Exception):
 
 
 @dataclass
+class Account:
+    """Energy of one packing: what entered with its bodies, most that was dissipated, what each body has."""
+
+    entered: float = 0.0
+    dissipated: float = 0.0
+    energy: list[float] = field(default_factory=list)
+    place: list[np.ndarray] = field(default_factory=list)
+
+    def knows(self, i: int, position) -> bool:
+        """Whether this is body ``i``, where it was last seen."""
+        return i < len(self.place) and np.allclose(self.place[i], position, atol=1e-4)
+
+
+@dataclass
 class Audit:
     """Watches every engine that a run starts, from outside: steps taken, energy, finite states.
 
@@ -104,7 +118,7 @@ class Audit:
     steps: int = 0
     excess: float = 0.0
     finite: bool = True
-    account: Account = field(default_factory=lambda: Account())
+    account: Account = field(default_factory=Account)
     _real: Callable = field(default=beds.start, repr=False)
 
     def start(self, parameters, *sides):
@@ -119,20 +133,6 @@ class Audit:
         if self.excess > self.most:
             found.append(f"energy rose by {self.excess:.2g} of what was poured in")
         return found
-
-
-@dataclass
-class Account:
-    """Energy of one packing: what entered with its bodies, most that was dissipated, what each body has."""
-
-    entered: float = 0.0
-    dissipated: float = 0.0
-    energy: list[float] = field(default_factory=list)
-    place: list[np.ndarray] = field(default_factory=list)
-
-    def knows(self, i: int, position) -> bool:
-        """Whether this is body ``i``, where it was last seen."""
-        return i < len(self.place) and np.allclose(self.place[i], position, atol=1e-4)
 
 
 class Watched:
