@@ -177,24 +177,6 @@ def test_a_fixed_body_carries_others_and_stays(engine):
     box.close()
 
 
-def test_fixed_bodies_are_one_to_the_engine():
-    """sapien goes through all its bodies in every step, static ones too."""
-    box = start(Parameters.named(engine="physx"), 100, 100)
-    for k in range(40):
-        box.add(
-            ball(),
-            np.array([5 + 2.5 * (k % 8), 5 + 2.5 * (k // 8), 1.0]),
-            np.array([1.0, 0, 0, 0]),
-            fixed=k % 2 == 0,
-        )
-    box.fix(range(1, 40, 2))
-    assert len(box.state().position) == 0
-    static = box._system.rigid_static_components
-    assert len(static) == 5 + 1
-    assert sum(len(body.collision_shapes) for body in static) == 5 + 40
-    box.close()
-
-
 @pytest.mark.parametrize("engine", ENGINES)
 def test_gaps_between_spheres_are_measured(engine):
     still = Parameters.named(engine=engine, dt=1e-6, gravity=1e-6)

@@ -37,9 +37,8 @@ the whole bed. Much below this bound (at 0.3) some pairs were left 0.2 of a radi
 class PhysX:
     """:class:`grainfall.packing.engine.Engine` on PhysX: TGS solver, enhanced determinism.
 
-    A fixed body leaves the dynamics, and its shapes join one static body that holds all such, where it lay:
-    sapien goes through its bodies in every step, static ones too, so a step costs what the moving ones cost.
-    The scene runs on the calling thread only.
+    A fixed body leaves the dynamics and returns as a static one of the same shape and pose, so that a step
+    costs what the moving bodies cost. The scene runs on the calling thread only.
     """
 
     version = f"PhysX 5 (sapien {sapien.__version__})"
@@ -68,10 +67,7 @@ class PhysX:
         self._scene = sapien.Scene([self._system])
         self._meshes = _Meshes()
         self._solids: list[Solid] = []
-        self._bodies: list = []  # None: fixed
-        self._number: dict = {}  # of the body that a shape belongs to
-        self._fixed = physx.PhysxRigidStaticComponent()
-        self._enter(self._fixed, (0, 0, 0), (1, 0, 0, 0))
+        self._bodies: list = []
         for corner, quaternion in WALLS:
             plane = physx.PhysxRigidStaticComponent()
             plane.attach(physx.PhysxCollisionShapePlane(self._material))
@@ -80,41 +76,33 @@ class PhysX:
     def _enter(self, component, position, quaternion) -> None:
         entity = sapien.Entity()
         entity.add_component(component)
-        entity.set_pose(_pose(position, quaternion))
+        entity.set_pose(sapien.Pose(np.asarray(position, np.float32), np.asarray(quaternion, np.float32)))
         self._scene.add_entity(entity)
 
-    def _attach(self, body, number: int, pose: sapien.Pose | None = None) -> None:
-        solid = self._solids[number]
+    def _attach(self, body, solid: Solid) -> None:
+        if not solid.parts:
+            body.attach(physx.PhysxCollisionShapeSphere(solid.radius, self._material))
         scale = np.full(3, solid.scale, np.float32)
-        shapes = [
-            physx.PhysxCollisionShapeConvexMesh(self._meshes.file(points), scale, self._material)
-            for points in solid.parts
-        ] or [physx.PhysxCollisionShapeSphere(solid.radius, self._material)]
-        for shape in shapes:
-            if pose is not None:
-                shape.set_local_pose(pose)
-            body.attach(shape)
-            self._number[shape] = number
+        for points in solid.parts:
+            file = self._meshes.file(points)
+            body.attach(physx.PhysxCollisionShapeConvexMesh(file, scale, self._material))
 
     def add(self, solid, position, quaternion, velocity=(0, 0, 0), spin=(0, 0, 0), fixed=False) -> None:
-        number = len(self._solids)
-        self._solids.append(solid)
-        if fixed:
-            self._bodies.append(None)
-            self._attach(self._fixed, number, _pose(position, quaternion))
-            return
-        body = physx.PhysxRigidDynamicComponent()
-        self._bodies.append(body)
-        self._attach(body, number)
-        body.set_mass(solid.mass)
-        body.set_cmass_local_pose(sapien.Pose())
-        body.set_inertia(np.asarray(solid.inertia, np.float32))
-        body.set_linear_damping(self._parameters.linear_damping)
-        body.set_angular_damping(self._parameters.angular_damping)
-        body.set_max_depenetration_velocity(PARTING)
+        body = physx.PhysxRigidStaticComponent() if fixed else physx.PhysxRigidDynamicComponent()
+        self._attach(body, solid)
+        if not fixed:
+            body.set_mass(solid.mass)
+            body.set_cmass_local_pose(sapien.Pose())
+            body.set_inertia(np.asarray(solid.inertia, np.float32))
+            body.set_linear_damping(self._parameters.linear_damping)
+            body.set_angular_damping(self._parameters.angular_damping)
+            body.set_max_depenetration_velocity(PARTING)
         self._enter(body, position, quaternion)
-        body.set_linear_velocity(np.asarray(velocity, np.float32))
-        body.set_angular_velocity(np.asarray(spin, np.float32))
+        if not fixed:
+            body.set_linear_velocity(np.asarray(velocity, np.float32))
+            body.set_angular_velocity(np.asarray(spin, np.float32))
+        self._solids.append(solid)
+        self._bodies.append(body)
 
     def step(self, n: int) -> None:
         for _ in range(n):
@@ -132,14 +120,16 @@ class PhysX:
 
     def fix(self, ids: Iterable[int]) -> None:
         for i in ids:
-            body, self._bodies[i] = self._bodies[i], None
+            body = self._bodies[i]
             pose = body.entity_pose
-            for shape in body.collision_shapes:
-                del self._number[shape]
             self._scene.remove_entity(body.entity)
-            self._attach(self._fixed, i, pose)
+            static = physx.PhysxRigidStaticComponent()
+            self._attach(static, self._solids[i])
+            self._enter(static, pose.p, pose.q)
+            self._bodies[i] = static
 
     def contacts(self) -> Contacts:
+        number = {body: i for i, body in enumerate(self._bodies)}
         found = [contact for contact in self._system.get_contacts() if contact.points]
         points = [point for contact in found for point in contact.points]
         of = np.repeat(np.arange(len(found)), [len(contact.points) for contact in found])
@@ -149,7 +139,7 @@ class PhysX:
         )
         table = np.zeros((len(found), 7))
         for row, contact in zip(table, found, strict=True):
-            row[:2] = [self._number.get(shape, WALL) for shape in contact.shapes]
+            row[:2] = [number.get(body, WALL) for body in contact.bodies]
         table[:, 2] = np.inf
         np.minimum.at(table[:, 2], of, [point.separation for point in points])
         np.add.at(table[:, 3], of, (impulse * normal).sum(axis=1))
@@ -160,13 +150,8 @@ class PhysX:
 
     def close(self) -> None:
         self._bodies.clear()
-        self._number.clear()
-        self._fixed = self._scene = self._system = None
+        self._scene = self._system = None
         self._meshes.close()
-
-
-def _pose(position, quaternion) -> sapien.Pose:
-    return sapien.Pose(np.asarray(position, np.float32), np.asarray(quaternion, np.float32))
 
 
 class _Meshes:
