@@ -38,7 +38,9 @@ class PhysX:
     """:class:`grainfall.packing.engine.Engine` on PhysX: TGS solver, enhanced determinism.
 
     A fixed body leaves the dynamics and returns as a static one of the same shape and pose, so that a step
-    costs what the moving bodies cost. The scene runs on the calling thread only.
+    costs what the moving bodies cost, and a little: sapien goes through all its bodies. They stay bodies of
+    their own, as PhysX merges the contacts of a pair of bodies, and a bed on one static body of many shapes
+    creeps. The scene runs on the calling thread only.
     """
 
     version = f"PhysX 5 (sapien {sapien.__version__})"
