@@ -21,6 +21,7 @@ from grainfall.errors import InputError
 from grainfall.morphology import analyse
 from grainfall.packing import bed as beds
 from grainfall.packing import rest
+from grainfall.packing.engine import State
 
 ENGINES = ("physx", "bullet")
 COLUMNS = ["scene", "engine", "expected", "verdict", "overlap", "escaped", "asleep", "steps", "wall_s"]
@@ -81,25 +82,12 @@ class OverBudget(Exception):
 
 
 @dataclass
-class Account:
-    """Energy of one packing: what entered with its bodies, most that was dissipated, what each body has."""
-
-    entered: float = 0.0
-    dissipated: float = 0.0
-    energy: list[float] = field(default_factory=list)
-    place: list[np.ndarray] = field(default_factory=list)
-
-    def knows(self, i: int, position) -> bool:
-        """Whether this is body ``i``, where it was last seen."""
-        return i < len(self.place) and np.allclose(self.place[i], position, atol=1e-4)
-
-
-@dataclass
 class Audit:
     """Watches every engine that a run starts, from outside: steps taken, energy, finite states.
 
-    Energy enters with a body; what is missing of it has been dissipated, and next to none of that may come
-    back. An engine that is built anew about the bodies of the last one goes on with its account.
+    Energy enters with a body and leaves with one that is fixed; what is missing has been dissipated, and
+    next to none of that may come back. A bed set free again is an engine of its own, which enters with what
+    it has, so the bound holds for each stage and not only for the whole.
 
     Attributes
     ----------
@@ -110,7 +98,7 @@ class Audit:
     steps : int
         Steps taken.
     excess : float
-        Most that came back of what had been dissipated, over all that had been poured in by then.
+        Most that came back of what had been dissipated, over all the energy that entered the engine.
     """
 
     budget: int
@@ -118,7 +106,6 @@ class Audit:
     steps: int = 0
     excess: float = 0.0
     finite: bool = True
-    account: Account = field(default_factory=Account)
     _real: Callable = field(default=beds.start, repr=False)
 
     def start(self, parameters, *sides):
@@ -141,11 +128,14 @@ class Watched:
     def __init__(self, engine, gravity: float, audit: Audit):
         self._engine, self._gravity, self._audit = engine, gravity, audit
         self._mass, self._inertia, self._moving = [], [], []
+        self._entered = 0.0
+        self._left = 0.0  # with the bodies that were fixed
+        self._dissipated = 0.0
 
     def __getattr__(self, name):
         return getattr(self._engine, name)
 
-    def _energy(self, ids, state) -> np.ndarray:
+    def _energy(self, ids, state) -> float:
         mass, inertia = np.array(self._mass)[ids], np.array(self._inertia)[ids]
         w, v = state.quaternion[:, :1], state.quaternion[:, 1:]
         # the spin in the body's frame: turned back by the quaternion
@@ -153,33 +143,27 @@ class Watched:
         spin = state.spin + w * cross + np.cross(cross, v)
         height = state.position[:, 2]
         speed2 = (state.velocity**2).sum(axis=1)
-        return mass * (self._gravity * height + speed2 / 2) + (inertia * spin**2).sum(axis=1) / 2
+        return float((mass * (self._gravity * height + speed2 / 2)).sum() + (inertia * spin**2).sum() / 2)
 
     def add(self, solid, position, quaternion, velocity=(0, 0, 0), spin=(0, 0, 0), fixed=False) -> None:
         self._engine.add(solid, position, quaternion, velocity, spin, fixed)
-        i = len(self._mass)
         self._moving.append(not fixed)
         self._mass.append(solid.mass)
         self._inertia.append(solid.inertia)
-        rows = [np.array(a, float)[None] for a in (position, quaternion, velocity, spin)]
-        if fixed:
-            rows[2:] = np.zeros((2, 1, 3))
-        energy = float(self._energy([i], _State(*rows))[0])
-        if i == 0 and not self._audit.account.knows(0, position):
-            self._audit.account = Account()  # another packing
-        account = self._audit.account
-        if i == len(account.energy):
-            account.energy.append(0.0)
-            account.place.append(rows[0][0])
-        account.entered += energy - account.energy[i]
-        account.energy[i], account.place[i] = energy, rows[0][0]
+        if not fixed:
+            rows = (np.array(a, float)[None] for a in (position, quaternion, velocity, spin))
+            self._entered += self._energy([len(self._mass) - 1], State(*rows))
 
     def fix(self, ids) -> None:
         self._look()
+        moving = np.flatnonzero(self._moving)
+        state = self._engine.state()
+        chosen = np.isin(moving, ids)
+        parts = (a[chosen] for a in (state.position, state.quaternion, state.velocity, state.spin))
+        self._left += self._energy(moving[chosen], State(*parts))
         self._engine.fix(ids)
         for i in ids:
             self._moving[i] = False
-            self._audit.account.energy[i] = self._mass[i] * self._gravity * self._audit.account.place[i][2]
 
     def step(self, n: int) -> None:
         self._audit.steps += n
@@ -189,25 +173,13 @@ class Watched:
         self._look()
 
     def _look(self) -> None:
-        state, account = self._engine.state(), self._audit.account
-        moving = np.flatnonzero(self._moving)
-        for i, energy, place in zip(moving, self._energy(moving, state), state.position, strict=True):
-            account.energy[i], account.place[i] = float(energy), place
-        left = sum(account.energy)
-        self._audit.finite &= bool(np.isfinite(left))
-        dissipated = account.entered - left
-        if account.entered > 0:
-            excess = (account.dissipated - dissipated) / account.entered
-            self._audit.excess = max(self._audit.excess, excess)
-        account.dissipated = max(account.dissipated, dissipated)
-
-
-@dataclass
-class _State:
-    position: np.ndarray
-    quaternion: np.ndarray
-    velocity: np.ndarray
-    spin: np.ndarray
+        state = self._engine.state()
+        energy = self._energy(np.flatnonzero(self._moving), state)
+        self._audit.finite &= bool(np.isfinite(energy))
+        dissipated = self._entered - self._left - energy
+        if self._entered > 0:
+            self._audit.excess = max(self._audit.excess, (self._dissipated - dissipated) / self._entered)
+        self._dissipated = max(self._dissipated, dissipated)
 
 
 def judged(bodies: pd.DataFrame, report: dict) -> tuple[dict, list[str]]:
