@@ -1,4 +1,4 @@
-"""A synthetic rock: its section, the reference cube and the true grain sizes."""
+"""A synthetic rock: its section, reference cubes and the true grain sizes."""
 
 from _stage import stage
 
@@ -21,11 +21,9 @@ with stage(snakemake) as progress:
         snakemake.output.section,
         Section(phase, pixel, truth.phases, grain if outlined else None, None, {"source": "synthetic"}),
     )
-    io.write_volume(
-        snakemake.output.reference,
-        {"phase": truth.cube(edge)},
-        truth.voxel_size_um,
-        {"phases": list(truth.phases), "seed": snakemake.params.stream["seed"]},
-    )
+    files = [snakemake.output.reference, *snakemake.output.cubes]
+    for path, cube in zip(files, truth.cubes(edge, len(files)), strict=True):
+        about = {"phases": list(truth.phases), "seed": snakemake.params.stream["seed"]}
+        io.write_volume(path, {"phase": cube}, truth.voxel_size_um, about)
     io.write_table(snakemake.output.sizes, truth.sizes())
     progress.say(f"{len(truth.sizes())} grains, porosity {(truth.phase == 0).mean():.4f}")

@@ -66,7 +66,7 @@ def packs(
     sizes = stereology.unfold_table(seen, method="adaptive", bootstrap=0)
     for variant, which in (("truth", None), ("full", "f3d"), ("no_inversion", "f2d")):
         if which is None:
-            pack, solid = truth, truth.cube(edge)
+            pack, solid = truth, truth.cubes(edge)[0]
         else:
             drawn = np.sort(stereology.draw_radii(sizes, 20_000, stream("sizes"), which))
             pack = spheres("packing", (room(drawn),) * 3, drawn)

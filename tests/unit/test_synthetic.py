@@ -156,6 +156,21 @@ def test_same_numbers_same_truth(grown):
 
 
 def test_the_cube_stands_for_the_whole(grown):
-    cubes = [abs((grown.cube(e) == 0).mean() - 0.227) for e in (32, 64)]
+    cubes = [abs((grown.cubes(e)[0] == 0).mean() - 0.227) for e in (32, 64)]
     assert max(cubes) < 0.02
-    assert grown.cube(96).shape == SHAPE
+    assert grown.cubes(96)[0].shape == SHAPE
+
+
+def test_cubes_of_a_truth_share_no_voxel_and_the_nearest_comes_first(grown):
+    cubes = grown.cubes(32, 5)
+    assert cubes[0].tobytes() == grown.cubes(32)[0].tobytes()
+    misses = [abs((cube == 0).mean() - 0.227) for cube in cubes]
+    assert misses == sorted(misses)
+    base = grown.phase.__array_interface__["data"][0]
+    voxels = np.zeros(SHAPE, int)
+    for cube in cubes:
+        start = np.unravel_index(cube.__array_interface__["data"][0] - base, SHAPE)
+        voxels[tuple(slice(s, s + 32) for s in start)] += 1
+    assert voxels.max() == 1
+    with pytest.raises(InputError, match="room for 1 cubes of 64 voxels, not for 2"):
+        grown.cubes(64, 2)

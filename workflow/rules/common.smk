@@ -117,11 +117,14 @@ REFERENCED = [
     if row.get("reference") or name in SYNTHESES or name in SLICES
 ]
 
+# What judges a synthetic truth beside its first cube.
+CUBES = [f"cube_{n}" for n in range(1, CONFIG["reference_cubes"])]
 TOMOGRAMS = list(SYNTHESES) if CONFIG["case"] == "xct" else []
-# Volumes that are measured as a 3D reference is, by their folder: references of samples, what was fetched,
-# tomograms. Slices of one volume share its measurements.
+# Volumes that are measured as a 3D reference is, by their folder: references of samples, further cubes of truths,
+# what was fetched, tomograms. Slices of one volume share its measurements.
 MEASURED = [
     *(name for name in REFERENCED if name not in SLICES),
+    *(f"{name}/{cube}" for name in SYNTHESES for cube in CUBES),
     *(f"data/{name}" for name in CONFIG["data"]),
     *(f"{name}/tomogram" for name in TOMOGRAMS),
 ]
@@ -482,7 +485,7 @@ def come_so_far(wildcards):
         *Path("results").glob("*/*/*/metrics.csv"),
         *Path("results").glob("*/*/*/second/volume.zarr.zip"),  # of figures
         *Path("results").glob("cv_sweep/*/*.csv"),
-        *Path("results").glob("*/tomogram/reference_flow.csv"),
+        *Path("results").glob("*/*/reference_flow.csv"),  # tomograms, further cubes
     ]
     return ages(found)
 
@@ -495,11 +498,12 @@ def twins_of_case(wildcards):
 
 
 def references_of_case(wildcards):
-    return (
-        []
-        if CONFIG["case"] == "cv_sweep"
-        else where_referenced("reference_s2.csv")(wildcards)
+    if CONFIG["case"] == "cv_sweep":
+        return []
+    further = expand(
+        f"{SAMPLE}/{{cube}}/{{name}}", sample=SYNTHESES, cube=CUBES, name=MEASUREMENTS
     )
+    return [*where_referenced("reference_s2.csv")(wildcards), *further]
 
 
 def sweep_of_case(wildcards):

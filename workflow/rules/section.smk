@@ -8,6 +8,9 @@ rule synthesise:
     output:
         section=f"{SAMPLE}/section.zarr.zip",
         reference=f"{SAMPLE}/reference.zarr.zip",
+        cubes=expand(
+            f"{SAMPLE}/{{cube}}/reference.zarr.zip", cube=CUBES, allow_missing=True
+        ),
         sizes=f"{SAMPLE}/truth_sizes.csv",
         record=f"{SAMPLE}/logs/synthesise.json",
     log:

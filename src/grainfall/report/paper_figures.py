@@ -36,7 +36,7 @@ from grainfall.report.figures import (
     styled,
 )
 from grainfall.report.html import PACKED, Results, gallery, grains_inside
-from grainfall.report.validation import BEREA_PUBLISHED_MD, PAPER, describe, radial
+from grainfall.report.validation import BEREA_PUBLISHED_MD, CUBES, PAPER, describe, pooled, radial
 
 DASHED, DOTTED = (0, (4, 1.5)), (0, (1, 1.2))
 GRAINS_SHOWN = 14
@@ -72,6 +72,10 @@ class Cases:
         """Networks of a case: their paths without what tells pores from throats."""
         found = self.paths(case, f"{pattern}_pores.csv")
         return [path.with_name(path.name.removesuffix("_pores.csv")) for path in found]
+
+    def references(self, case: str) -> list[Path]:
+        """Networks of the reference cubes of a case."""
+        return self.stems(case, "reference_network") + self.stems(case, f"{CUBES}/reference_network")
 
     def twin(self, case: str, variant: str = "full") -> Results | None:
         """The first twin of a case of which there is all that figures show."""
@@ -407,8 +411,9 @@ def sample1_no_inversion(cases: Cases) -> Figure | None:
 
 
 def _s2_ensemble(axes, cases: Cases, case: str, variants: Sequence[tuple]) -> bool:
-    """S2 in 3D: the truths' mean and range, and of each variant every twin and their mean."""
-    truth = [radial(path) for path in cases.paths(case, "reference_s2.csv")]
+    """S2 in 3D: mean and range of the truths' cubes, and of each variant every twin and their mean."""
+    names = ("reference_s2.csv", f"{CUBES}/reference_s2.csv")
+    truth = [radial(path) for name in names for path in cases.paths(case, name)]
     if not truth or not cases.paths(case, "*/*/s2_volume.csv"):
         return False
     grid = truth[0][0][truth[0][0] <= 0.5 * truth[0][0][-1]]
@@ -433,7 +438,7 @@ def _s2_ensemble(axes, cases: Cases, case: str, variants: Sequence[tuple]) -> bo
         color=TRUTH,
         ls=DASHED,
         lw=2.2,
-        label=f"original ({len(each)} truth{'s' if len(each) > 1 else ''})",
+        label=f"original ({len(each)} cube{'s' if len(each) > 1 else ''})",
     )
     axes.set(xlabel="lag (µm)", ylabel="S₂ of the solid (probability)", xlim=(0, grid[-1]))
     axes.legend()
@@ -510,19 +515,15 @@ def _network_panel(axes, r: Results, slab_um: float) -> None:
 
 def _pore_sizes(axes, volumes: Sequence[tuple]) -> None:
     """Pore volume over the radii of the network's pores, pooled over twins."""
-    pooled = [(_pooled(v), colour, style, name) for v, colour, style, name in volumes if v]
-    edges = np.linspace(0, max(sizes["pore_radius_um"].max() for sizes, *_ in pooled), 26)
-    for sizes, colour, style, name in pooled:
+    drawn = [(pooled(v), colour, style, name) for v, colour, style, name in volumes if v]
+    edges = np.linspace(0, max(sizes["pore_radius_um"].max() for sizes, *_ in drawn), 26)
+    for sizes, colour, style, name in drawn:
         held = sizes["pore_volume_um3"]
         density = np.histogram(sizes["pore_radius_um"], edges, weights=held)[0] / held.sum()
         axes.stairs(density / np.diff(edges), edges, color=colour, ls=style, lw=1.6, label=name)
     axes.set(xlabel="network pore radius (µm)", ylabel="share of pore volume (1/µm)")
     axes.set(xlim=(0, edges[-1]), ylim=(0, 1.35 * axes.dataLim.ymax))  # the legend stands above the curves
     axes.legend(fontsize=7, loc="upper right")
-
-
-def _pooled(networks: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    return {key: np.concatenate([of[key] for of in networks]) for key in networks[0]}
 
 
 def _pores(stems: Sequence[Path]) -> list[dict[str, np.ndarray]]:
@@ -541,7 +542,7 @@ def sample2_analysis(cases: Cases) -> Figure | None:
     _pore_sizes(
         panels[1],
         (
-            (_pores(cases.stems("virtual_spheres", "reference_network")), TRUTH, DASHED, "original"),
+            (_pores(cases.references("virtual_spheres")), TRUTH, DASHED, "original"),
             (_pores(cases.stems("virtual_spheres", "grains_only/*/network")), FIRST, DOTTED, "grains alone"),
             (_pores(cases.stems("virtual_spheres", "full/*/network")), TWIN, "-", "with virtual spheres"),
         ),
@@ -661,7 +662,7 @@ def sample3_analysis(cases: Cases) -> Figure | None:
     _pore_sizes(
         panels[1],
         (
-            (_pores(cases.stems("xct", "reference_network")), TRUTH, DASHED, "the rock"),
+            (_pores(cases.references("xct")), TRUTH, DASHED, "the rock"),
             (_pores(cases.stems("xct", "tomogram/reference_network")), FIRST, DOTTED, "tomogram"),
             (_pores(cases.stems("xct", "full/*/network")), TWIN, "-", "twin"),
         ),

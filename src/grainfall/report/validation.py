@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from grainfall import io, network
+from grainfall import correlation, io, network
 from grainfall.report.tables import t_interval
 
 COLUMNS = ("case", "variant", "quantity", "unit", "paper", "truth", "mean", "lower", "upper", "n")
@@ -51,6 +51,10 @@ PAPER["virtual_spheres", "grains_only", "k_of_full"] = 1062 / 2861
 
 BEREA_PUBLISHED_MD = 1630.0
 """Published mean Stokes permeability of the 27 cubes of 128^3 voxels of Berea, three directions."""
+
+
+CUBES = "cube_*"
+"""Folders of a sample's further reference cubes."""
 
 
 @dataclass(frozen=True)
@@ -153,7 +157,7 @@ def gather(results: str | Path, cases: Mapping[str, Mapping]) -> pd.DataFrame:
                 ("section", -1, _of_section(root / sample, held)),
             ]
             if (root / sample / "tomogram/reference_flow.csv").exists():
-                twins.append(("tomogram", -1, _of_tomogram(root / sample, truth)))
+                twins.append(("tomogram", -1, _of_tomogram(root / sample)))
             rows += [
                 (case, sample, variant, realization, quantity, value, aim)
                 for variant, realization, found in twins
@@ -176,16 +180,28 @@ def _paired(case: str, sample: str, twins: Sequence) -> list[tuple]:
 
 
 def _truth(sample: Path) -> dict:
-    """What is known of the rock itself, where there is a 3D reference."""
-    found: dict = {}
-    if (sample / "reference_flow.csv").exists() and (sample / "reference_s2.csv").exists():
-        found["k"] = _k(sample / "reference_flow.csv")
-        found["s2"] = radial(sample / "reference_s2.csv")
-        found["porosity"] = 1 - float(found["s2"][1][0])
-        found["sizes"] = _network_sizes(sample / "reference_network")
+    """What is known of the rock itself: its grains, where it is synthetic, and its 3D reference, where it has one."""
+    found = _of_references([sample, *sorted(sample.glob(CUBES))])
     if (sample / "truth_sizes.csv").exists():
         found["grains"] = io.read_table(sample / "truth_sizes.csv")
     return found
+
+
+def _of_references(folders: Sequence[Path]) -> dict:
+    """Cubes of one rock, as far as they are measured: means, and the pores of all."""
+    names = ("reference_flow.csv", "reference_s2.csv")
+    cubes = [folder for folder in folders if all((folder / name).exists() for name in names)]
+    if not cubes:
+        return {}
+    k = [_k(folder / "reference_flow.csv") for folder in cubes]
+    curves = [radial(folder / "reference_s2.csv") for folder in cubes]
+    s2 = np.mean([values for _, values in curves], axis=0)
+    return {
+        "k": {along: float(np.mean([of[along] for of in k])) for along in k[0]},
+        "s2": (curves[0][0], s2),
+        "porosity": 1 - float(s2[0]),
+        "sizes": pooled([_network_sizes(folder / "reference_network") for folder in cubes]),
+    }
 
 
 def _k(path: Path) -> dict[str, float]:
@@ -204,6 +220,11 @@ def radial(path: Path, column: str = "axis") -> tuple[np.ndarray, np.ndarray]:
 
 def _network_sizes(stem: Path) -> dict[str, np.ndarray]:
     return network.element_sizes(network.load(f"{stem}_pores.csv", f"{stem}_throats.csv"))
+
+
+def pooled(sizes: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    """Sizes of several networks as those of one, each as :func:`grainfall.network.element_sizes` gives them."""
+    return {key: np.concatenate([of[key] for of in sizes]) for key in sizes[0]}
 
 
 def _pore_figures(sizes: Mapping, truth: Mapping) -> dict[str, tuple]:
@@ -234,9 +255,9 @@ def _circle_tail(path: Path) -> float | None:
     return float(np.quantile(table["r_um"], 0.95, weights=area, method="inverted_cdf"))
 
 
-def _ratio(metrics: Mapping, value: str, of: str) -> float | None:
-    one, other = (metrics.get(name) for name in (value, of))
-    return None if pd.isna(one) or pd.isna(other) else float(one) / float(other)
+def _surface_ratio(metrics: Mapping, truth: Mapping) -> float | None:
+    own = metrics.get("specific_surface_per_um")
+    return None if pd.isna(own) or "s2" not in truth else own / correlation.specific_surface(*truth["s2"])
 
 
 def _s2_gap(curve: tuple, truth: Mapping) -> tuple:
@@ -260,7 +281,7 @@ def _of_twin(folder: Path, truth: Mapping, sample: str) -> dict[str, tuple]:
         "porosity_first": (metrics["porosity_first"], None),
         "porosity_miss": (abs(metrics["porosity"] - target), 0.0),
         "cement_share": (metrics.get("cement_share"), None),
-        "surface_ratio": (_ratio(metrics, "specific_surface_per_um", "specific_surface_ref_per_um"), 1.0),
+        "surface_ratio": (_surface_ratio(metrics, truth), 1.0),
         **{f"k_{axis}": (k[axis], k_ref.get(axis)) for axis in k},
         "k_ratio": (k["md"] / k_ref["md"] if k_ref else None, 1.0),
         "s2_gap": _s2_gap(radial(folder / "s2_volume.csv"), truth),
@@ -319,8 +340,9 @@ def _of_section(sample: Path, held: float) -> dict[str, tuple]:
     return {"porosity_section": (io.read_json(sample / "section.json")["porosity"], held)}
 
 
-def _of_tomogram(sample: Path, truth: Mapping) -> dict[str, tuple]:
-    folder = sample / "tomogram"
+def _of_tomogram(sample: Path) -> dict[str, tuple]:
+    """The tomogram against the very cube that it was taken of."""
+    folder, truth = sample / "tomogram", _of_references([sample])
     about, k = io.read_json(folder / "tomogram.json"), _k(folder / "reference_flow.csv")
     found = {
         "porosity": (about["porosity"], truth["porosity"]),

@@ -107,17 +107,51 @@ class Truth:
         grain = self.bodies.voxels(pixel, shape, (shape[0] // 2, shape[0] // 2 + 1))[0][0]
         return self.bodies.phase[grain], grain
 
-    def cube(self, edge: int) -> np.ndarray:
-        """The phases of a cube that stands for the whole: of those in steps of half an edge, the one whose
-        porosity is nearest to the truth's; as much of each axis as there is where the truth is shorter."""
+    def cubes(self, edge: int, number: int = 1) -> list[np.ndarray]:
+        """The phases of cubes that stand for the whole.
+
+        Of those in steps of half an edge, the ones whose porosity is nearest to the truth's, the nearest first,
+        without a voxel in common.
+
+        Parameters
+        ----------
+        edge : int
+            Voxels; as much of each axis as there is where the truth is shorter.
+        number : int
+
+        Returns
+        -------
+        list of ndarray of uint8, (z, y, x)
+
+        Raises
+        ------
+        InputError
+            When there are not so many.
+        """
         edges = [min(edge, n) for n in self.phase.shape]
         steps = [range(0, n - e + 1, max(1, edge // 2)) for n, e in zip(self.phase.shape, edges, strict=True)]
         whole = np.count_nonzero(self.phase == 0) / self.phase.size
-        cubes = [
-            self.phase[tuple(slice(c, c + e) for c, e in zip(corner, edges, strict=True))]
-            for corner in itertools.product(*steps)
-        ]
-        return min(cubes, key=lambda cube: abs(np.count_nonzero(cube == 0) / cube.size - whole))
+
+        def cube(corner: tuple[int, ...]) -> np.ndarray:
+            return self.phase[tuple(slice(c, c + e) for c, e in zip(corner, edges, strict=True))]
+
+        def miss(corner: tuple[int, ...]) -> float:
+            return abs(np.count_nonzero(cube(corner) == 0) / math.prod(edges) - whole)
+
+        def apart(one: tuple[int, ...], other: tuple[int, ...]) -> bool:
+            return any(abs(a - b) >= e for a, b, e in zip(one, other, edges, strict=True))
+
+        taken: list[tuple[int, ...]] = []
+        for corner in sorted(itertools.product(*steps), key=miss):
+            if len(taken) < number and all(apart(corner, other) for other in taken):
+                taken.append(corner)
+        if len(taken) < number:
+            raise InputError(
+                "reference_cubes",
+                f"the truth has room for {len(taken)} cubes of {edge} voxels, not for {number}",
+                "a larger synthetic.shape, a smaller synthetic.reference_edge, or fewer",
+            )
+        return [cube(corner) for corner in taken]
 
     def sizes(self) -> pd.DataFrame:
         """True grains, whole as the box is periodic: phase and r_um, the equal-volume radius as voxelised."""
