@@ -180,7 +180,7 @@ def _paired(case: str, sample: str, twins: Sequence) -> list[tuple]:
 
 
 def _truth(sample: Path) -> dict:
-    """What is known of the rock itself: its grains, where it is synthetic, and its 3D reference, where it has one."""
+    """What is known of the rock itself: its 3D reference, where it has one, and its grains."""
     found = _of_references([sample, *sorted(sample.glob(CUBES))])
     if (sample / "truth_sizes.csv").exists():
         found["grains"] = io.read_table(sample / "truth_sizes.csv")
@@ -223,7 +223,7 @@ def _network_sizes(stem: Path) -> dict[str, np.ndarray]:
 
 
 def pooled(sizes: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    """Sizes of several networks as those of one, each as :func:`grainfall.network.element_sizes` gives them."""
+    """Sizes of several networks as those of one; each as of :func:`grainfall.network.element_sizes`."""
     return {key: np.concatenate([of[key] for of in sizes]) for key in sizes[0]}
 
 

@@ -110,8 +110,8 @@ class Truth:
     def cubes(self, edge: int, number: int = 1) -> list[np.ndarray]:
         """The phases of cubes that stand for the whole.
 
-        Of those in steps of half an edge, the ones whose porosity is nearest to the truth's, the nearest first,
-        without a voxel in common.
+        Of those in steps of half an edge, the ones whose porosity is nearest to the truth's, without a voxel
+        in common; the nearest first.
 
         Parameters
         ----------
