@@ -8,9 +8,7 @@ rule synthesise:
     output:
         section=f"{SAMPLE}/section.zarr.zip",
         reference=f"{SAMPLE}/reference.zarr.zip",
-        cubes=expand(
-            f"{SAMPLE}/{{cube}}/reference.zarr.zip", cube=CUBES, allow_missing=True
-        ),
+        cubes=expand(f"{SAMPLE}/{{cube}}.zarr.zip", cube=CUBES, allow_missing=True),
         sizes=f"{SAMPLE}/truth_sizes.csv",
         record=f"{SAMPLE}/logs/synthesise.json",
     log:
@@ -32,6 +30,24 @@ rule synthesise:
         science=science("section"),
     script:
         "../../scripts/synthesise.py"
+
+
+# On its own, as Snakemake would take the folder that is measured for the sample that is made.
+rule further_cube:
+    input:
+        f"{SAMPLE}/{{cube}}.zarr.zip",
+    output:
+        f"{SAMPLE}/{{cube}}/reference.zarr.zip",
+    log:
+        f"{SAMPLE}/logs/{{cube}}.log",
+    wildcard_constraints:
+        sample=any_of(SYNTHESES),
+        cube=any_of(CUBES),
+    localrule: True
+    conda:
+        ENVS["analysis"]
+    shell:
+        "cp {input:q} {output:q} > {log:q} 2>&1"
 
 
 rule read_section:
