@@ -21,7 +21,8 @@ with stage(snakemake) as progress:
         snakemake.output.section,
         Section(phase, pixel, truth.phases, grain if outlined else None, None, {"source": "synthetic"}),
     )
-    files = [snakemake.output.reference, *snakemake.output.cubes]
+    further = [path for name, path in snakemake.output.items() if name.startswith("cube_")]
+    files = [snakemake.output.reference, *further]
     for path, cube in zip(files, truth.cubes(edge, len(files)), strict=True):
         about = {"phases": list(truth.phases), "seed": snakemake.params.stream["seed"]}
         io.write_volume(path, {"phase": cube}, truth.voxel_size_um, about)

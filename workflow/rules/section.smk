@@ -6,9 +6,9 @@ What comes from the user may be broken: ``update`` keeps the former output where
 
 rule synthesise:
     output:
+        **{cube: f"{SAMPLE}/{cube}.zarr.zip" for cube in CUBES},  # the cache wants a name for each
         section=f"{SAMPLE}/section.zarr.zip",
         reference=f"{SAMPLE}/reference.zarr.zip",
-        cubes=expand(f"{SAMPLE}/{{cube}}.zarr.zip", cube=CUBES, allow_missing=True),
         sizes=f"{SAMPLE}/truth_sizes.csv",
         record=f"{SAMPLE}/logs/synthesise.json",
     log:
