@@ -23,8 +23,8 @@ with stage(snakemake) as progress:
     )
     further = [path for name, path in snakemake.output.items() if name.startswith("cube_")]
     files = [snakemake.output.reference, *further]
+    about = {"phases": list(truth.phases), "seed": snakemake.params.stream["seed"]}
     for path, cube in zip(files, truth.cubes(edge, len(files)), strict=True):
-        about = {"phases": list(truth.phases), "seed": snakemake.params.stream["seed"]}
         io.write_volume(path, {"phase": cube}, truth.voxel_size_um, about)
     io.write_table(snakemake.output.sizes, truth.sizes())
     progress.say(f"{len(truth.sizes())} grains, porosity {(truth.phase == 0).mean():.4f}")

@@ -36,7 +36,15 @@ from grainfall.report.figures import (
     styled,
 )
 from grainfall.report.html import PACKED, Results, gallery, grains_inside
-from grainfall.report.validation import BEREA_PUBLISHED_MD, CUBES, PAPER, describe, pooled, radial
+from grainfall.report.validation import (
+    BEREA_PUBLISHED_MD,
+    CUBES,
+    PAPER,
+    describe,
+    network_sizes,
+    pooled,
+    radial,
+)
 
 DASHED, DOTTED = (0, (4, 1.5)), (0, (1, 1.2))
 GRAINS_SHOWN = 14
@@ -527,7 +535,7 @@ def _pore_sizes(axes, volumes: Sequence[tuple]) -> None:
 
 
 def _pores(stems: Sequence[Path]) -> list[dict[str, np.ndarray]]:
-    return [network.element_sizes(network.load(f"{s}_pores.csv", f"{s}_throats.csv")) for s in stems]
+    return [network_sizes(stem) for stem in stems]
 
 
 @styled

@@ -200,7 +200,7 @@ def _of_references(folders: Sequence[Path]) -> dict:
         "k": {along: float(np.mean([of[along] for of in k])) for along in k[0]},
         "s2": (curves[0][0], s2),
         "porosity": 1 - float(s2[0]),
-        "sizes": pooled([_network_sizes(folder / "reference_network") for folder in cubes]),
+        "sizes": pooled([network_sizes(folder / "reference_network") for folder in cubes]),
     }
 
 
@@ -218,7 +218,8 @@ def radial(path: Path, column: str = "axis") -> tuple[np.ndarray, np.ndarray]:
     return mean.index.to_numpy(), mean.to_numpy()
 
 
-def _network_sizes(stem: Path) -> dict[str, np.ndarray]:
+def network_sizes(stem: Path) -> dict[str, np.ndarray]:
+    """Sizes of a network, by its path without what tells pores from throats."""
     return network.element_sizes(network.load(f"{stem}_pores.csv", f"{stem}_throats.csv"))
 
 
@@ -286,7 +287,7 @@ def _of_twin(folder: Path, truth: Mapping, sample: str) -> dict[str, tuple]:
         "k_ratio": (k["md"] / k_ref["md"] if k_ref else None, 1.0),
         "s2_gap": _s2_gap(radial(folder / "s2_volume.csv"), truth),
         "s2_envelope_p": (metrics.get("s2_envelope_p"), None),
-        **_pore_figures(_network_sizes(folder / "network"), truth),
+        **_pore_figures(network_sizes(folder / "network"), truth),
         "circle_r95_um": (
             _circle_tail(folder / "pores2d.csv"),
             _circle_tail(folder.parent / "section_pores2d.csv"),
@@ -350,7 +351,7 @@ def _of_tomogram(sample: Path) -> dict[str, tuple]:
         **{f"k_{axis}": (k[axis], truth["k"][axis]) for axis in k},
         "k_ratio": (k["md"] / truth["k"]["md"], 1.0),
         "s2_gap": _s2_gap(radial(folder / "reference_s2.csv"), truth),
-        **_pore_figures(_network_sizes(folder / "reference_network"), truth),
+        **_pore_figures(network_sizes(folder / "reference_network"), truth),
     }
     if (folder / "s2_envelope.json").exists():
         found["s2_envelope_p"] = (io.read_json(folder / "s2_envelope.json")["p"], None)
