@@ -17,6 +17,7 @@ import grainfall
 from grainfall.errors import InputError
 from grainfall.grains import Library
 from grainfall.packing import Parameters, container, deposit
+from grainfall.packing.bed import Bed, Frame
 from grainfall.packing.engine import Solid, start
 from grainfall.packing.parameters import MOST_VERTICES
 from grainfall.packing.shapes import collision_shape, reduce_hull, unit_sphere
@@ -40,6 +41,34 @@ def settled(library, engine="physx", shapes=8, roi=250.0, margin=1.0, seed=1, ra
     box = container(roi, 100.0, margin)
     parameters = Parameters.named(engine=engine, **changes)
     return box, deposit(supply(300, shapes, radii), library, box, parameters, np.random.default_rng(seed))
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_body_with_drag_sinks_at_its_terminal_velocity(engine):
+    parameters = Parameters.named(engine=engine)
+    box = start(parameters, 20, 20)
+    for x, drag in ((5, 0.0), (15, 5.0)):
+        box.add(Solid((), 1.0, 1.0, np.full(3, 0.4), drag=drag), (x, 10, 15), (1, 0, 0, 0))
+    box.step(100)
+    falls, sinks = box.state().velocity[:, 2]
+    box.close()
+    assert falls == pytest.approx(-9.8, rel=0.01)
+    assert sinks == pytest.approx(-9.8 / 5, rel=0.06)  # a step is a twentieth of 1 / drag
+
+
+def test_only_heavy_virtual_spheres_sink_the_slower_the_larger_they_are():
+    parameters = Parameters.named()
+    bed = Bed({-1: unit_sphere()}, parameters, np.full(2, 100.0), Frame(50.0, 0.0))
+    kind, radius = (
+        np.array(["grain", "virtual", "grain", "virtual"], object),
+        np.array([1.0, 4.0, 10.0, 10.0]),
+    )
+    bed.enter(
+        kind, np.ones(4, int), np.full(4, -1), radius, np.zeros((4, 3)), np.tile([1.0, 0, 0, 0], (4, 1))
+    )
+    falling = (2 * parameters.gravity * parameters.drop_height) ** 0.5
+    assert [bed.drag(i) for i in range(3)] == [0, 0, 0]
+    assert parameters.gravity / bed.drag(3) == pytest.approx(falling / 10)  # its terminal velocity
 
 
 @pytest.mark.parametrize("engine", ENGINES)

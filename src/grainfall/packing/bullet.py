@@ -98,7 +98,7 @@ class Bullet:
             # whose contact rolls along, it would tie together what has moved on.
             frictionAnchor=int(bool(solid.parts)),
             localInertiaDiagonal=[float(c) for c in solid.inertia],
-            linearDamping=_per_second(self._parameters.linear_damping),
+            linearDamping=_per_second(self._parameters.linear_damping + solid.drag),
             angularDamping=_per_second(self._parameters.angular_damping),
             activationState=bullet.ACTIVATION_STATE_DISABLE_SLEEPING,
             physicsClientId=self._client,

@@ -423,7 +423,9 @@ class _Deposition:
             self.density[rows],
         )
         self.next += len(rows)
-        fall = (2 * places[n - len(rows) : n, 2].max() / p.gravity) ** 0.5
+        height = places[n - len(rows) : n, 2]
+        sinking = height * [bed.drag(i) for i in range(len(bed) - len(rows), len(bed))] / p.gravity
+        fall = max((2 * height.max() / p.gravity) ** 0.5, sinking.max())
         e = min(p.restitution, BOUNCY)
         self.idle = -round(fall * (1 + e) / (1 - e) / p.dt)  # until it has bounced out
         self.speed = np.append(self.speed, np.full(len(rows), 2.0 * FALLING))

@@ -28,6 +28,8 @@ class Solid:
         Principal moments about the frame's axes.
     scale : float
         What the vertices are multiplied by: bodies of one shape share its vertices.
+    drag : float
+        Rate, 1/s, at which its speed decays beside the parameters' ``linear_damping``.
     """
 
     parts: tuple[np.ndarray, ...]
@@ -35,6 +37,7 @@ class Solid:
     mass: float
     inertia: np.ndarray
     scale: float = 1.0
+    drag: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -98,7 +101,7 @@ class Engine(Protocol):
         """Of the moving bodies, in ascending order of their numbers."""
 
     def damp(self, linear: float, angular: float) -> None:
-        """Let speed and spin of all moving bodies decay at these rates, 1/s, from now on."""
+        """Let speed and spin of all moving bodies decay at these rates alone, 1/s, from now on."""
 
     def fix(self, ids: np.ndarray) -> None:
         """Fix moving bodies in place for good: they carry others and cost no more."""

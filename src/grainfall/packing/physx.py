@@ -96,7 +96,7 @@ class PhysX:
             body.set_mass(solid.mass)
             body.set_cmass_local_pose(sapien.Pose())
             body.set_inertia(np.asarray(solid.inertia, np.float32))
-            body.set_linear_damping(self._parameters.linear_damping)
+            body.set_linear_damping(self._parameters.linear_damping + solid.drag)
             body.set_angular_damping(self._parameters.angular_damping)
             body.set_max_depenetration_velocity(PARTING)
         self._enter(body, position, quaternion)
