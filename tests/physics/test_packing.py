@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 import grainfall
 from grainfall.errors import InputError
 from grainfall.grains import Library
-from grainfall.packing import Parameters, container, deposit
+from grainfall.packing import Box, Parameters, container, deposit
 from grainfall.packing.bed import Bed, Frame
 from grainfall.packing.engine import Solid, start
 from grainfall.packing.parameters import MOST_VERTICES
@@ -69,6 +69,45 @@ def test_only_heavy_virtual_spheres_sink_the_slower_the_larger_they_are():
     falling = (2 * parameters.gravity * parameters.drop_height) ** 0.5
     assert [bed.drag(i) for i in range(3)] == [0, 0, 0]
     assert parameters.gravity / bed.drag(3) == pytest.approx(falling / 10)  # its terminal velocity
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_buried_grains_cost_nothing_and_change_nothing(library, engine, monkeypatch):
+    whole, left_out = Bed.start, []
+
+    def start_whole(bed, parameters=None, *, buried=True):
+        whole(bed, parameters)
+
+    def start_counting(bed, parameters=None, *, buried=True):
+        whole(bed, parameters, buried=buried)
+        left_out.append(np.isfinite(bed.sealed))
+
+    packings = []
+    for start_bed in (start_counting, start_whole):
+        monkeypatch.setattr(Bed, "start", start_bed)
+        box = Box((200.0, 200.0, 1200.0), 0.0)
+        parameters = Parameters.named(engine=engine, checkpoint_steps=300)
+        rng = np.random.default_rng(1)
+        packings.append(deposit(supply(100, 8), library, box, parameters, rng, rest=False))
+    assert any(left_out)
+    pd.testing.assert_frame_equal(*packings)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_buried_grains_are_back_before_anything_comes_to_them(engine):
+    parameters = Parameters.named(engine=engine, restitution=0.0)
+    bed = Bed({-1: unit_sphere()}, parameters, np.full(2, 10.0), Frame(50.0, 0.0))
+    upright = np.tile([1.0, 0, 0, 0], (2, 1))
+    bed.enter(["grain"] * 2, [1, 1], [-1, -1], np.ones(2), np.array([[5.0, 5, 1], [5, 5, 30]]), upright)
+    bed.fixed[0] = True
+    bed.start(buried=False)
+    assert bed.sealed == 2.0
+    for _ in range(40):
+        bed.engine.step(10)
+        bed.read()
+        bed.dig_up(20 * parameters.dt)
+    assert bed.position[1, 2] == pytest.approx(3.0, abs=0.02)  # on the other one, not on the floor
+    bed.close()
 
 
 @pytest.mark.parametrize("engine", ENGINES)

@@ -29,6 +29,10 @@ drives the grains under it into each other, and rises off them with up to 0.04 o
 """
 
 
+BURIED = 4.0
+"""Depth, mean grain radii, below all that moves, from which fixed bodies need not be in the engine."""
+
+
 @dataclass(frozen=True)
 class Frame:
     """Engine units and micrometres: a length of 1 is ``unit_um``; the ROI's corner is ``margin_um`` from the
@@ -53,6 +57,8 @@ class Bed:
         As last read from the engine; quaternions turn the principal frame into the box's.
     fixed : (n,) bool
         Out of the dynamics.
+    sealed : float
+        Height up to which fixed bodies were left out of the engine; see :meth:`start`.
     """
 
     def __init__(
@@ -70,6 +76,8 @@ class Bed:
         self.quaternion = np.empty((0, 4))
         self.fixed = np.empty(0, bool)
         self.engine: Engine | None = None
+        self.sealed = -np.inf
+        self._number = np.empty(0, int)  # of each body in the engine; -1: left out
 
     @classmethod
     def of(cls, bodies: pd.DataFrame, library, box, parameters: Parameters) -> Bed:
@@ -139,18 +147,45 @@ class Bed:
         self.velocity = np.vstack([self.velocity, velocity])
         self.spin = np.vstack([self.spin, np.zeros((n, 3))])
         self.fixed = np.append(self.fixed, np.zeros(n, bool))
+        self._number = np.append(self._number, np.full(n, -1))
         if self.engine is not None:
             self._add(range(first, first + n))
 
-    def start(self, parameters: Parameters | None = None) -> None:
-        """A new engine with the bodies as they are: no solver cache outlives it."""
+    def start(self, parameters: Parameters | None = None, *, buried: bool = True) -> None:
+        """A new engine with the bodies as they are: no solver cache outlives it.
+
+        Without the ``buried`` ones, fixed bodies far below all that move are left out. They touch nothing, so
+        the packing has the same bytes, but an engine goes through all its bodies in every step.
+        :meth:`dig_up` brings them back where something comes near them.
+        """
         self.close()
         self.parameters = parameters or self.parameters
         self.engine = start(self.parameters, *self.sides)
-        self._add(range(len(self)))
+        self._number, self.sealed = np.full(len(self), -1), -np.inf
+        within = np.ones(len(self), bool)
+        if not (buried or self.fixed.all()):
+            tops = self.position[:, 2] + self.bound
+            within = ~self.fixed | (tops > self._lowest() - BURIED)
+            self.sealed = tops[~within].max(initial=-np.inf)
+        self._add(np.flatnonzero(within))
+
+    def dig_up(self, seconds: float) -> None:
+        """Bring back the bodies that :meth:`start` left out, if a moving one could come to them so soon."""
+        if self._lowest(seconds) < self.sealed:
+            self._add(np.flatnonzero(self._number < 0))
+            self.sealed = -np.inf
+
+    def _lowest(self, seconds: float = 0.0) -> float:
+        """Lowest height that a moving body reaches, or could reach within so many engine seconds."""
+        moving = ~self.fixed
+        speed = np.linalg.norm(self.velocity[moving], axis=1) + self.parameters.gravity * seconds
+        bottom = self.position[moving, 2] - self.bound[moving]
+        return float((bottom - speed * seconds).min(initial=np.inf))
 
     def _add(self, ids: Iterable[int]) -> None:
-        for i in ids:
+        first = self._number.max(initial=-1) + 1
+        for number, i in enumerate(ids, start=first):
+            self._number[i] = number
             self.engine.add(
                 self.solid(i),
                 self.position[i],
@@ -188,7 +223,7 @@ class Bed:
 
     def fix(self, ids: np.ndarray) -> None:
         """Take moving bodies out of the dynamics where they are."""
-        self.engine.fix(ids)
+        self.engine.fix(self._number[ids])
         self.fixed[ids] = True
         self.velocity[ids] = self.spin[ids] = 0.0
 

@@ -258,7 +258,7 @@ class _Deposition:
                 # A damaged checkpoint costs its time, not the packing.
                 if self.progress:
                     self.progress(f"starts anew: {fault}")
-        bed.start()
+        bed.start(buried=False)
         saved, expected = self.steps, max(1, self._expected())
         while not self.poured:
             active = np.flatnonzero(~bed.fixed)
@@ -281,7 +281,7 @@ class _Deposition:
             if self.steps - saved >= self.parameters.checkpoint_steps:
                 saved = self.steps
                 self._save()
-                bed.start()
+                bed.start(buried=False)
         if not self.poured:
             self.poured = True
             self._save()
@@ -458,6 +458,7 @@ class _Deposition:
         before = bed.position[active]
         bed.engine.step(LOOK)
         bed.read()
+        bed.dig_up(2 * LOOK * self.parameters.dt)
         self.steps += LOOK
         self.idle += LOOK
         self.activity += LOOK * len(active)
