@@ -19,7 +19,6 @@ COLUMNS = ["id", "kind", "phase", "shape", "scale", "x", "y", "z", "qw", "qx", "
 STATE = ("position", "quaternion", "velocity", "spin")
 """What an engine changes of a body."""
 
-
 HEAVY = 5.0
 """Radius, mean grain radii, from which a virtual sphere sinks instead of falling, as many times slower than a
 grain as it is larger.
@@ -27,7 +26,6 @@ grain as it is larger.
 Spheres are to hold a place open, not to hammer it out: one of 1,000 grains' mass that lands at full speed
 drives the grains under it into each other, and rises off them with up to 0.04 of all the energy poured in.
 """
-
 
 BURIED = 4.0
 """Depth, mean grain radii, below all that moves, from which fixed bodies need not be in the engine."""
@@ -57,8 +55,6 @@ class Bed:
         As last read from the engine; quaternions turn the principal frame into the box's.
     fixed : (n,) bool
         Out of the dynamics.
-    sealed : float
-        Height up to which fixed bodies were left out of the engine; see :meth:`start`.
     """
 
     def __init__(
@@ -76,7 +72,6 @@ class Bed:
         self.quaternion = np.empty((0, 4))
         self.fixed = np.empty(0, bool)
         self.engine: Engine | None = None
-        self.sealed = -np.inf
         self._number = np.empty(0, int)  # of each body in the engine; -1: left out
 
     @classmethod
@@ -161,19 +156,22 @@ class Bed:
         self.close()
         self.parameters = parameters or self.parameters
         self.engine = start(self.parameters, *self.sides)
-        self._number, self.sealed = np.full(len(self), -1), -np.inf
+        self._number = np.full(len(self), -1)
         within = np.ones(len(self), bool)
         if not (buried or self.fixed.all()):
-            tops = self.position[:, 2] + self.bound
-            within = ~self.fixed | (tops > self._lowest() - BURIED)
-            self.sealed = tops[~within].max(initial=-np.inf)
+            within = ~self.fixed | (self.position[:, 2] + self.bound > self._lowest() - BURIED)
         self._add(np.flatnonzero(within))
 
     def dig_up(self, seconds: float) -> None:
         """Bring back the bodies that :meth:`start` left out, if a moving one could come to them so soon."""
-        if self._lowest(seconds) < self.sealed:
-            self._add(np.flatnonzero(self._number < 0))
-            self.sealed = -np.inf
+        out = self.left_out
+        if self._lowest(seconds) < (self.position[out, 2] + self.bound[out]).max(initial=-np.inf):
+            self._add(out)
+
+    @property
+    def left_out(self) -> np.ndarray:
+        """Bodies that are not in the engine."""
+        return np.flatnonzero(self._number < 0)
 
     def _lowest(self, seconds: float = 0.0) -> float:
         """Lowest height that a moving body reaches, or could reach within so many engine seconds."""
