@@ -18,6 +18,7 @@ from grainfall.errors import InputError
 from grainfall.grains import Library
 from grainfall.packing import Box, Parameters, container, deposit
 from grainfall.packing.bed import Bed, Frame
+from grainfall.packing.deposition import _Deposition
 from grainfall.packing.engine import Solid, start
 from grainfall.packing.parameters import MOST_VERTICES
 from grainfall.packing.shapes import collision_shape, reduce_hull, unit_sphere
@@ -65,6 +66,39 @@ def test_only_heavy_virtual_spheres_sink_the_slower_the_larger_they_are():
     falling = (2 * parameters.gravity * parameters.drop_height) ** 0.5
     assert [bed.drag(i) for i in range(3)] == [0, 0, 0]
     assert parameters.gravity / bed.drag(3) == pytest.approx(falling / 10)  # its terminal velocity
+
+
+def test_heavy_bodies_weigh_what_the_least_of_them_does():
+    radius = np.array([1.0, 5.0, 20.0])
+    for heavy, weighs_as in ((5.0, [1, 5, 5]), (100.0, [1, 5, 20])):
+        bed = Bed({-1: unit_sphere()}, Parameters.named(heavy=heavy), np.full(2, 100.0), Frame(50.0, 0.0))
+        upright = np.tile([1.0, 0, 0, 0], (3, 1))
+        bed.enter(["grain"] * 3, [1] * 3, [-1] * 3, radius, np.ones((3, 3)), upright)
+        mass = 2.6 * 4 / 3 * np.pi * np.array(weighs_as, float) ** 3
+        np.testing.assert_allclose(bed.mass, mass)
+        np.testing.assert_allclose([bed.solid(i).mass for i in range(3)], mass)
+        np.testing.assert_allclose(
+            [bed.solid(i).inertia for i in range(3)], np.outer(0.4 * mass * radius**2, np.ones(3))
+        )
+        bed.spin[:, 0] = 2.0
+        potential = (mass * bed.parameters.gravity).sum()
+        assert bed.energy() == pytest.approx(potential + (0.4 * mass * radius**2 * 2**2 / 2).sum())
+
+
+@pytest.mark.parametrize(("away", "fixable"), [(0.0, []), (1.0, [0])])
+def test_a_heavy_body_is_not_fixed_before_what_it_touches(away, fixable):
+    population = pd.DataFrame({"kind": "grain", "phase": 1, "shape": -1, "scale": [12.0] + 40 * [1.0]})
+    run = _Deposition(
+        population, None, Box((100.0,) * 3, 0.0), Parameters.named(), np.random.default_rng(1), None, None
+    )
+    large, small = run.radius[:2]
+    place = np.array([[20.0, 20, 20], [20, 20, 20 - large - small - away]])
+    bed, upright = run.bed, np.tile([1.0, 0, 0, 0], (2, 1))
+    bed.enter(["grain"] * 2, [1, 1], [-1, -1], np.array([large, small]), place, upright)
+    both = np.arange(2)
+    assert run._unburdened(both[:1], both).tolist() == fixable
+    assert run._unburdened(both, both).tolist() == [0, 1]
+    assert run._unburdened(both[1:], both).tolist() == [1]  # the small one waits for nobody
 
 
 @pytest.mark.parametrize("engine", ENGINES)

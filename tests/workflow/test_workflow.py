@@ -124,6 +124,7 @@ def test_plan_says_why(finished):
         "position_scaling",
         "phase_mixing",
         "refinement",
+        "weight_limit",
     }
     assert optional <= set(plan)
     assert all(effect["reason"] for effect in plan.values())

@@ -19,14 +19,6 @@ COLUMNS = ["id", "kind", "phase", "shape", "scale", "x", "y", "z", "qw", "qx", "
 STATE = ("position", "quaternion", "velocity", "spin")
 """What an engine changes of a body."""
 
-HEAVY = 5.0
-"""Radius, mean grain radii, from which a virtual sphere sinks instead of falling, as many times slower than a
-grain as it is larger.
-
-Spheres are to hold a place open, not to hammer it out: one of 1,000 grains' mass that lands at full speed
-drives the grains under it into each other, and rises off them with up to 0.04 of all the energy poured in.
-"""
-
 BURIED = 4.0
 """Depth, mean grain radii, below all that moves, from which fixed bodies need not be in the engine."""
 
@@ -119,8 +111,13 @@ class Bed:
 
     @property
     def mass(self) -> np.ndarray:
-        """Mass of each body."""
-        return self.density * 4 / 3 * np.pi * self.radius**3
+        """Mass that each body has in the engine."""
+        return self.density * 4 / 3 * np.pi * self.radius**3 * self._share
+
+    @property
+    def _share(self) -> np.ndarray:
+        """Mass of each body in the engine over its own: a heavy one weighs what the least of them does."""
+        return (np.minimum(self.radius, self.parameters.heavy) / self.radius) ** 3
 
     # --- in and out of the engine -------------------------------------------------------------------
 
@@ -196,11 +193,12 @@ class Bed:
     def solid(self, i: int) -> Solid:
         """Body ``i`` as the engine needs it."""
         shape, r = self.shapes[self.shape[i]], self.radius[i]
-        exact = self.density[i] * shape.inertia * r**5
+        share = (min(r, self.parameters.heavy) / r) ** 3
+        exact = self.density[i] * shape.inertia * r**5 * share
         return Solid(
             parts=shape.parts,
             radius=self.bound[i],
-            mass=self.density[i] * 4 / 3 * np.pi * r**3,
+            mass=self.density[i] * 4 / 3 * np.pi * r**3 * share,
             inertia=exact if self.parameters.inertia == "exact" else np.ones(3),
             scale=r,
             drag=self.drag(i),
@@ -208,9 +206,9 @@ class Bed:
 
     def drag(self, i: int) -> float:
         """Rate, 1/s, at which body ``i`` loses speed while bodies are poured: a heavy virtual sphere's."""
-        if self.kind[i] != "virtual" or self.radius[i] < HEAVY:
-            return 0.0
         p = self.parameters
+        if self.kind[i] != "virtual" or self.radius[i] < p.heavy:
+            return 0.0
         return p.gravity * self.radius[i] / (2 * p.gravity * p.drop_height) ** 0.5
 
     def read(self) -> None:
@@ -238,7 +236,7 @@ class Bed:
         turn = Rotation.from_quat(self.quaternion[:, [1, 2, 3, 0]])
         spin = turn.apply(self.spin, inverse=True) if len(self) else self.spin
         inertia = np.array([self.shapes[s].inertia for s in self.shape]).reshape(-1, 3)
-        inertia = inertia * (self.density * self.radius**5)[:, None]
+        inertia = inertia * (self.density * self.radius**5 * self._share)[:, None]
         speed2 = (self.velocity**2).sum(axis=1)
         potential = self.mass * self.parameters.gravity * self.position[:, 2]
         return float((potential + self.mass * speed2 / 2).sum() + (inertia * spin**2).sum() / 2)

@@ -38,6 +38,11 @@ class Parameters:
     density : float
         Solid density, mass per cubed engine unit, of bodies that have none of their own. It scales forces,
         not the packing.
+    heavy : float
+        Radius, mean grain radii, from which bodies are heavy: they weigh what one of this radius does, and
+        are not fixed before what they touch is; virtual ones sink instead of falling. An iterative solver
+        passes a load on a little at a time, so that grains under one of thousands of times their mass are
+        squeezed; what a rigid grain weighs decides how hard it presses, hardly where it comes to rest.
     inertia : {"exact", "paper"}
         ``exact``: the mesh's own principal moments; ``paper``: the diagonal (1, 1, 1) for every grain
         whatever its size, which makes a mean grain spin about four times too easily and a small one hardly at
@@ -101,6 +106,7 @@ class Parameters:
     linear_damping: float = 0.0
     angular_damping: float = 0.05
     density: float = 2.6
+    heavy: float = 5.0
     inertia: str = "exact"
     sleep_speed: float = 0.05
     sleep_steps: int = 100
@@ -130,6 +136,7 @@ class Parameters:
             "gravity",
             "dt",
             "density",
+            "heavy",
             "sleep_speed",
             "drop_height",
             "batch_layers",

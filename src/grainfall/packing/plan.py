@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
+from grainfall.packing.parameters import Parameters
+
 SWITCHES = ("auto", "on", "off")
 """What the config may say of an effect: as the scene calls for it, or forced."""
 
@@ -92,6 +94,7 @@ def effects_plan(
             "would not leave",
         ),
         "refinement": _entry(refinement, cost_s=refinement["cost_s"], saved_s=2 * once),
+        "weight_limit": _weight_limit(first, second),
         "phase_mixing": _entry(scene["phase_mixing"]),
         "virtual_spheres": _entry(deficit["virtual_spheres"], cost_s=_seconds(spheres), saved_s=once),
         "densification": _entry(second["densification"], cost_s=_seconds(lubricated), saved_s=once),
@@ -103,6 +106,17 @@ def effects_plan(
         ),
         "cement": _entry(cement, cost_s=cement["wall_s"], saved_s=2 * voxelising),
     }
+
+
+def _weight_limit(first: Mapping, second: Mapping) -> dict:
+    limit, own = first["parameters"]["heavy"], Parameters.heavy
+    largest = max(first["largest"], second.get("largest", 0.0))
+    on = largest > limit
+    return _entry(
+        {"on": on, "forced": limit != own},
+        f"the largest body has {largest:.2f} mean grain radii, {'more' if on else 'no more'} than the "
+        f"{limit:g} from which bodies weigh no more",
+    )
 
 
 def _seconds(passes: Iterable[Mapping]) -> float:
