@@ -482,13 +482,16 @@ class _Deposition:
         its radius that it was squeezed by with 640 times its weight, and friction as strong spun it up.
         """
         bed, p = self.bed, self.parameters
-        waits = np.zeros(len(tired), bool)
+        heavy = tired[bed.radius[tired] >= p.heavy]
+        if not len(heavy):
+            return tired
         awake = np.setdiff1d(active, tired)
-        for row in np.flatnonzero(bed.radius[tired] >= p.heavy):
-            i = tired[row]
+
+        def waits(i: int) -> bool:
             distance = np.linalg.norm(bed.position[awake] - bed.position[i], axis=1)
-            waits[row] = (distance < bed.bound[awake] + bed.bound[i] + p.contact_offset).any()
-        return tired[~waits]
+            return bool((distance < bed.bound[awake] + bed.bound[i] + p.contact_offset).any())
+
+        return np.setdiff1d(tired, [i for i in heavy if waits(i)])
 
     # --- the result -------------------------------------------------------------------------------
 
