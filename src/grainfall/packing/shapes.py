@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.transform import Rotation
 
 from grainfall.grains.decomposition import union_volume
@@ -144,7 +144,11 @@ def reduce_hull(points: np.ndarray, n: int) -> np.ndarray:
         far = int(outside.argmax())
         if outside[far] <= 1e-9:
             break
-        part.add_points(candidates[far : far + 1])
+        chosen.append(far)
+        try:
+            part.add_points(candidates[far : far + 1])
+        except QhullError:  # a point nearly on an edge may not be added to a hull, but can be part of one
+            part = ConvexHull(candidates[chosen], incremental=True)
     vertices = part.points[part.vertices]
     part.close()
     target, centre = _volume_centroid(candidates)
