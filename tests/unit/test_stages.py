@@ -482,7 +482,7 @@ def test_decisions(switch, called_for, possible, on, words):
 def test_plan_gives_reason_and_cost_or_saving_of_every_effect():
     first = {"poured": 9, "engine": "PhysX", "steps": 7, "wall_s": 3.0}
     first |= {"n_hulls": 8, "n_decomposed": 1, "n_spheres": 0, "collision_excess": 0.02, "hull_excess": 0.03}
-    first |= {"parameters": {"decomposition": "auto", "heavy": 5.0}, "largest": 6.5}
+    first |= {"parameters": {"decomposition": "auto", "heavy": 5.0}, "largest": 4.5}
     first["refinement"] = {**packing.decide("auto", False, "no overlap"), "cost_s": None}
     bed = Bed(0.47)
     plan = deficit(0.47)[1]
@@ -490,7 +490,7 @@ def test_plan_gives_reason_and_cost_or_saving_of_every_effect():
     scaling = {"applied": True, "forced": False, "reason": "positions scaled", "wall_s": 4.0, "passes": 4}
     cement = {**packing.decide("off", False, "no need"), "wall_s": 0.0}
     cement["compaction"] = {**packing.decide("auto", False, "there are no rims"), "wall_s": 0.0}
-    found = packing.effects_plan(scene(), first, plan, second, scaling, cement)
+    found = packing.effects_plan(scene(), first, plan, {**second, "largest": 6.5}, scaling, cement)
     assert all(effect["reason"] for effect in found.values())
     optional = (
         "decomposition refinement weight_limit phase_mixing virtual_spheres densification position_scaling"
@@ -505,7 +505,7 @@ def test_plan_gives_reason_and_cost_or_saving_of_every_effect():
     assert found["densification"]["cost_s"] == 2.0 * len(bed.poured) + len(bed.rests)
     assert found["position_scaling"]["cost_s"] == 4.0
     assert found["weight_limit"]["on"]
-    assert "6.50 mean grain radii, more than the 5" in found["weight_limit"]["reason"]
+    assert "6.50 mean grain radii; from 5 on" in found["weight_limit"]["reason"]
     assert found["cement"] == {
         "on": False,
         "forced": True,

@@ -112,12 +112,11 @@ class Bed:
     @property
     def mass(self) -> np.ndarray:
         """Mass that each body has in the engine."""
-        return self.density * 4 / 3 * np.pi * self.radius**3 * self._share
+        return self.density * 4 / 3 * np.pi * self.radius**3 * self._share(self.radius)
 
-    @property
-    def _share(self) -> np.ndarray:
-        """Mass of each body in the engine over its own: a heavy one weighs what the least of them does."""
-        return (np.minimum(self.radius, self.parameters.heavy) / self.radius) ** 3
+    def _share(self, radius):
+        """Mass in the engine over a body's own: a heavy one weighs what the least of them does."""
+        return (np.minimum(radius, self.parameters.heavy) / radius) ** 3
 
     # --- in and out of the engine -------------------------------------------------------------------
 
@@ -193,7 +192,7 @@ class Bed:
     def solid(self, i: int) -> Solid:
         """Body ``i`` as the engine needs it."""
         shape, r = self.shapes[self.shape[i]], self.radius[i]
-        share = (min(r, self.parameters.heavy) / r) ** 3
+        share = self._share(r)
         exact = self.density[i] * shape.inertia * r**5 * share
         return Solid(
             parts=shape.parts,
@@ -236,7 +235,7 @@ class Bed:
         turn = Rotation.from_quat(self.quaternion[:, [1, 2, 3, 0]])
         spin = turn.apply(self.spin, inverse=True) if len(self) else self.spin
         inertia = np.array([self.shapes[s].inertia for s in self.shape]).reshape(-1, 3)
-        inertia = inertia * (self.density * self.radius**5 * self._share)[:, None]
+        inertia = inertia * (self.density * self.radius**5 * self._share(self.radius))[:, None]
         speed2 = (self.velocity**2).sum(axis=1)
         potential = self.mass * self.parameters.gravity * self.position[:, 2]
         return float((potential + self.mass * speed2 / 2).sum() + (inertia * spin**2).sum() / 2)

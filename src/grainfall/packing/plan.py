@@ -109,13 +109,11 @@ def effects_plan(
 
 
 def _weight_limit(first: Mapping, second: Mapping) -> dict:
-    limit, own = first["parameters"]["heavy"], Parameters.heavy
-    largest = max(first["largest"], second.get("largest", 0.0))
-    on = largest > limit
+    limit = first["parameters"]["heavy"]
+    largest = max(first["largest"], second["largest"])
     return _entry(
-        {"on": on, "forced": limit != own},
-        f"the largest body has {largest:.2f} mean grain radii, {'more' if on else 'no more'} than the "
-        f"{limit:g} from which bodies weigh no more",
+        {"on": largest >= limit, "forced": limit != Parameters.heavy},
+        f"the largest body has {largest:.2f} mean grain radii; from {limit:g} on, bodies weigh no more",
     )
 
 

@@ -148,6 +148,7 @@ def reduce_hull(points: np.ndarray, n: int) -> np.ndarray:
         try:
             part.add_points(candidates[far : far + 1])
         except QhullError:  # a point nearly on an edge may not be added to a hull, but can be part of one
+            part.close()
             part = ConvexHull(candidates[chosen], incremental=True)
     vertices = part.points[part.vertices]
     part.close()
