@@ -23,7 +23,7 @@ rule accuracy_sweep:
     input:
         expand(
             f"{TWIN}/first/observed.json",
-            sample=list(SAMPLES),
+            sample=list(SAMPLES)[: SWEEP["repeats"]],
             variant=sorted(set(POURED)),
             realization=REALIZATIONS,
         ),
