@@ -208,10 +208,13 @@ class _Rims:
         """Find the distances of at least so many pores."""
         # Centres of solid voxels lie in the grains, so that distances to them are bounds from above.
         squared = edt.edtsq(self.phase == 0, black_border=False, parallel=self.threads)
-        pores = squared[self.phase == 0]
-        number = min(2 * number, pores.size) if self.known else number
-        most = float(np.partition(pores, number - 1)[number - 1]) ** 0.5
-        del squared, pores
+        shells = np.zeros(int(squared.max()) + 1, np.int64)
+        for plane in squared:
+            shells += np.bincount(np.rint(plane).astype(np.int64).ravel(), minlength=len(shells))
+        shells[0] = 0  # solid
+        del squared
+        number = min(2 * number, int(shells.sum())) if self.known else number
+        most = int(np.searchsorted(np.cumsum(shells), number)) ** 0.5
         self.distance, self.nearest = surface_distances(
             *self.bed, self.phase, self.voxel, most * self.voxel * 1.001, self.origin, threads=self.threads
         )
