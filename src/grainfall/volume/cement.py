@@ -213,7 +213,7 @@ class _Rims:
             shells += np.bincount(np.rint(plane).astype(np.int64).ravel(), minlength=len(shells))
         shells[0] = 0  # solid
         del squared
-        number = min(2 * number, int(shells.sum())) if self.known else number
+        number = min(4 * number // 3, int(shells.sum())) if self.known else number
         most = int(np.searchsorted(np.cumsum(shells), number)) ** 0.5
         self.distance, self.nearest = surface_distances(
             *self.bed, self.phase, self.voxel, most * self.voxel * 1.001, self.origin, threads=self.threads

@@ -158,8 +158,8 @@ def surface_distances(
     Notes
     -----
     Every face is held against the voxels in its bounding box widened by the reach: exact point to triangle
-    distances, of which all but a few are ruled out by the best so far. Where bodies overlap, the part of a
-    surface within another body is never the nearest to a pore.
+    distances, most of them ruled out beforehand by the side of the face and the best so far. Where bodies
+    overlap, the part of a surface within another body is never the nearest to a pore.
     """
     scene = _Scene(bodies, library, voxel_size_um, origin_um, VIRTUAL)
     distance = np.full(phase.shape, np.inf, np.float32)
@@ -385,7 +385,11 @@ def _near_sphere(centre, radius, z0, reach, label, phase, distance, body):
 
 @njit(cache=True, nogil=True)
 def _near_mesh(vertices, faces, z0, reach, label, phase, distance, body):
-    """Lower the distances of the pores near one closed mesh."""
+    """Lower the distances of the pores near one closed mesh.
+
+    A pore lies on the outer side of a face that holds its nearest point: an edge or a corner that does is
+    shared with such a face.
+    """
     nz, ny, nx = phase.shape
     p = np.empty(3)
     for f in range(faces.shape[0]):
@@ -405,13 +409,20 @@ def _near_mesh(vertices, faces, z0, reach, label, phase, distance, body):
         if area == 0.0:  # its neighbours hold its edges
             continue
         n0, n1, n2 = n0 / area, n1 / area, n2 / area
+        m0, m1, m2 = (a[0] + b[0] + c[0]) / 3, (a[1] + b[1] + c[1]) / 3, (a[2] + b[2] + c[2]) / 3
+        size = 0.0
+        for v in (a, b, c):
+            size = max(size, sqrt((v[0] - m0) ** 2 + (v[1] - m1) ** 2 + (v[2] - m2) ** 2))
         for k in range(k0, k1 + 1):
             for j in range(j0, j1 + 1):
+                beside = n1 * (j - m1) + n2 * (k - m2)
+                off = (j - m1) ** 2 + (k - m2) ** 2
                 for i in range(i0, i1 + 1):
                     if phase[k - z0, j, i] != 0:
                         continue
                     best = min(np.float64(distance[k - z0, j, i]), reach)
-                    if abs(n0 * (i - a[0]) + n1 * (j - a[1]) + n2 * (k - a[2])) > best:
+                    above = n0 * (i - m0) + beside
+                    if above < -1e-6 or above > best or off + (i - m0) ** 2 > (best + size) ** 2:
                         continue
                     p[0], p[1], p[2] = i, j, k
                     found = np.float32(_to_triangle(p, a, b, c))
