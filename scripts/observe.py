@@ -7,9 +7,12 @@ from grainfall.volume import voxelise
 
 with stage(snakemake) as progress:
     files = snakemake.input
-    if files.get("volume"):  # a twin, or the truth
-        phase, attributes = io.read_volume(files.volume, "phase")
-        found = accuracy.observe(phase == 0, attributes["voxel_size_um"])
+    if files.get("volume"):  # a twin, or cubes of the truth
+        seen = []
+        for path in [files.volume, *files.get("cubes", [])]:
+            phase, attributes = io.read_volume(path, "phase")
+            seen.append(accuracy.observe(phase == 0, attributes["voxel_size_um"]))
+        found = accuracy.pooled(seen)
         if files.get("contacts"):
             summary = io.read_json(files.contacts)
             found |= {"coordination": summary["coordination"], "overlap": summary["max_overlap"]}

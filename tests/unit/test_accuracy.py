@@ -214,6 +214,17 @@ class TestWhatItGot:
         assert all(abs(error) < 1e-12 for error in errors.values())
 
 
+def test_volumes_of_one_rock_are_pooled():
+    one, other = (accuracy.observe(known.pack(np.random.default_rng(n), 4, 8), 2.0) for n in (0, 1))
+    same, both = accuracy.pooled([one, one]), accuracy.pooled([one, other])
+    assert all(abs(error) < 1e-12 for error in accuracy.differences(same, one).values())
+    for name in ("porosity", "k_md"):
+        assert both[name] == pytest.approx((one[name] + other[name]) / 2)
+    np.testing.assert_allclose(both["s2"], (one["s2"] + other["s2"]) / 2)
+    volumes = [seen["pores"]["pore_volume_um3"].sum() for seen in (one, other, both)]
+    assert volumes[2] == pytest.approx(volumes[0] + volumes[1])
+
+
 class TestKnownTruths:
     def test_volumes_match_their_formulas_as_voxels_shrink(self):
         """Porosity, S2, pore radii and K of touching spheres, wherever between voxels their centres lie."""

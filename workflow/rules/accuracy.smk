@@ -87,6 +87,7 @@ use rule observe_first as observe_twin with:
 use rule observe_first as observe_reference with:
     input:
         volume=f"{SAMPLE}/reference.zarr.zip",
+        cubes=cubes_of,
     output:
         observed=f"{SAMPLE}/observed.json",
     log:

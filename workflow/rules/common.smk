@@ -530,6 +530,12 @@ def tomograms_of_case(wildcards):
 # ---- what accuracy costs
 
 
+def cubes_of(wildcards):
+    """What judges a synthetic truth beside its first cube."""
+    known = CUBES if wildcards.sample in SYNTHESES else []
+    return [f"results/{wildcards.sample}/{cube}.zarr.zip" for cube in known]
+
+
 def observed_so_far(wildcards):
     """What the sweep has measured, with its age; as above, no input."""
     found = [

@@ -5,7 +5,7 @@ another, ``table`` gathers errors and costs and finds the front between them. Wh
 is in :mod:`grainfall.presets`.
 """
 
-from grainfall.accuracy.observe import differences, from_tables, observe
+from grainfall.accuracy.observe import differences, from_tables, observe, pooled
 from grainfall.accuracy.table import COLUMNS, front, gather, presets_of, rounded, summarise
 
 __all__ = [
@@ -15,6 +15,7 @@ __all__ = [
     "front",
     "gather",
     "observe",
+    "pooled",
     "presets_of",
     "rounded",
     "summarise",

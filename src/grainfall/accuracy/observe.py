@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -36,6 +36,19 @@ def observe(pore: np.ndarray, voxel_size_um: float) -> dict:
         "s2": s2,
         "pores": network.element_sizes(found),
     }
+
+
+def pooled(volumes: Sequence[Mapping]) -> dict:
+    """One observation of several volumes of a rock, of one shape: their means, and the pores of all.
+
+    Parameters
+    ----------
+    volumes : sequence of mapping
+        As :func:`observe` gives them.
+    """
+    mean = {key: np.mean([one[key] for one in volumes], axis=0) for key in ("porosity", "k_md", "s2")}
+    pores = {key: np.concatenate([one["pores"][key] for one in volumes]) for key in volumes[0]["pores"]}
+    return {**mean, "lag_um": volumes[0]["lag_um"], "pores": pores}
 
 
 def axial_s2(pore: np.ndarray, voxel_size_um: float) -> tuple[np.ndarray, np.ndarray]:
