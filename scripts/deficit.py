@@ -2,7 +2,7 @@
 
 from _stage import stage
 
-from grainfall import grains, io, morphology, packing, random, stereology, volume
+from grainfall import io, morphology, packing, random, stereology, volume
 from grainfall.surface import SolidSurface, core, solid_surface
 
 with stage(snakemake) as progress:
@@ -26,7 +26,7 @@ with stage(snakemake) as progress:
         for table in (section_pores, pores)
     )
     surface = SolidSurface(**io.read_json(files.section_surface))
-    voxel = attributes["voxel_size_um"]
+    bed, voxel = core(phase), attributes["voxel_size_um"]
     sizes, deficit = packing.plan_deficit(
         scene,
         target,
@@ -40,15 +40,8 @@ with stage(snakemake) as progress:
         ),
         packing.Overgrowth(
             surface,
-            solid_surface(core(phase), voxel),
-            volume.fill_to_surface(
-                io.read_table(files.bodies),
-                grains.Library.load(files.library),
-                phase.shape,
-                voxel,
-                surface.per_um,
-                threads=snakemake.threads,
-            ),
+            solid_surface(bed, voxel),
+            volume.fill_to_surface(bed, voxel, surface.per_um),
         ),
         porosity,
         sum(p * v for p, v in zip(scene["probabilities"], scene["mean_volumes_um3"], strict=True)),

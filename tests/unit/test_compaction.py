@@ -61,12 +61,17 @@ def test_angular_grains_are_pressed_to_the_sections_surface(angular):
 
 def test_half_way_between_pressing_and_rims(angular):
     bodies, section, scene = angular
-    bed = CUBES, scene["shape_zyx"], 1.0, scene["porosity_target"]
-    rims = solid_surface(volume.with_rims(bodies, *bed)[1], 1.0)
+    rims = solid_surface(
+        volume.with_rims(
+            volume.voxelise(bodies, CUBES, scene["shape_zyx"], 1.0)[0], scene["porosity_target"]
+        ),
+        1.0,
+    )
     wanted = (section + rims.per_um) / 2
     moved, report = volume.compact(bodies, CUBES, scene, wanted, dense=True)
     assert 1.0 < report["factor"] < TRUE
-    twin = volume.with_rims(moved, *bed)[1]
+    phase, _ = volume.voxelise(moved, CUBES, scene["shape_zyx"], 1.0)
+    twin = volume.with_rims(phase, scene["porosity_target"])
     assert abs((~twin).mean() - scene["porosity_target"]) < 1e-6
     assert solid_surface(twin, 1.0).per_um == pytest.approx(wanted, rel=0.01)
 

@@ -58,8 +58,6 @@ rule deficit:
         scene=f"{VARIANT}/scene.json",
         section_pores=f"{VARIANT}/section_pores2d.csv",
         section_surface=f"{VARIANT}/section_surface.json",
-        library=f"{SAMPLE}/grains3d",
-        bodies=f"{TWIN}/first/bodies.csv",
         volume=f"{TWIN}/first/volume.zarr.zip",
     output:
         sizes=f"{TWIN}/virtual_spheres.csv",

@@ -1,6 +1,6 @@
 """Volume: bodies become voxels; porosity, topology and contacts of the result; cement; exports."""
 
-from grainfall.volume.cement import as_minerals, cement, fill_to_surface, with_rims
+from grainfall.volume.cement import as_minerals, cement, fill_to_surface, grow_rims, with_rims
 from grainfall.volume.coarsen import coarse_shape, coarsen, read_pore_space
 from grainfall.volume.compaction import compact
 from grainfall.volume.correction import correct_porosity
@@ -25,6 +25,7 @@ __all__ = [
     "export_vti",
     "fill_to_surface",
     "finish",
+    "grow_rims",
     "make_room",
     "packed_porosity",
     "porosity",

@@ -7,16 +7,21 @@ import time
 import edt
 import numpy as np
 import pandas as pd
+import scipy  # its transforms load when they are first used
+from numba import njit
 
-from grainfall.surface import CORE, specific_surface
+from grainfall.surface import specific_surface
 from grainfall.volume.measures import porosity
-from grainfall.volume.scan import Meshes, surface_distances, voxelise
+from grainfall.volume.scan import Meshes, voxelise
+
+SUPPORT = 5
+"""Edge, voxels, of the neighbourhood whose solid voxels rank pore voxels equally far from the grains."""
+
+SLAB = 64
+"""Planes whose voxels are given to their nearest grains at a time: that takes some 20 bytes a voxel."""
 
 FIRST_STEP, STEP = 0.005, 0.0005
 """Share of the pores that is tried first as filled, and the one to which it is found."""
-
-MOST_FILLED = 0.95
-"""Share of the pores that rims are tried up to."""
 
 SCATTER = np.array([3518319155, 2882110345, 2360945575], np.uint64)
 """Multipliers of the additive recurrence in three dimensions: 2^32 over powers of the root of x^4 = x + 1."""
@@ -32,7 +37,7 @@ def cement(
     *,
     threads: int = 1,
 ) -> tuple[np.ndarray, np.ndarray, dict]:
-    """Bodies as voxels, with rims of even thickness down to the target porosity.
+    """Bodies as voxels, cemented down to the target porosity.
 
     Parameters
     ----------
@@ -57,75 +62,94 @@ def cement(
     phase : (nz, ny, nx) uint8
         0 pore, the grains' phases, ``label`` in the rims.
     body : (nz, ny, nx) int32
-        Body id + 1, 0 pore; a rim belongs to the grain it grew on, the nearest.
+        Body id + 1, 0 pore; a rim belongs to the grain it grew on.
     report : dict
         target, before and after (porosity), share (of the region), rim_um (its thickness), wall_s.
-
-    Notes
-    -----
-    Overgrowth in proportion to nothing but the distance is the isotropic cementation of process-based
-    reconstructions (Bakke and Øren, SPE Journal 2, 136, 1997, with exponent 0). A voxel is cemented when its
-    centre lies within the rim, as it is solid when it lies in the grain: distances are those to the grains'
-    own surfaces. Distances to voxels would grow rims by whole shells, and whatever part of the last shell is
-    filled first would smooth or roughen all surfaces: the surface left would scatter by a tenth with the
-    thickness, and permeability with it.
     """
     started = time.perf_counter()
     shape = tuple(int(n) for n in shape)
-    rims = _Rims(bodies, library, shape, voxel_size_um, threads=threads)
-    before = porosity(rims.phase)
-    rim, number = 0.0, _missing(rims.phase, target)
-    if number > 0 and rims.phase.any():
-        filled, rim = rims.first(number)
-        nearest = rims.nearest.ravel()[filled]
-        rims.phase.ravel()[filled] = label
-        rims.body.ravel()[filled] = nearest
+    phase, body = voxelise(bodies, library, shape, voxel_size_um, threads=threads)
+    before = porosity(phase)
+    rim = 0.0
+    if _missing(phase, target) > 0 and phase.any():
+        # The rim without the grains around is an upper bound: more solid near by only shortens distances.
+        _, voxels = _shells(phase)
+        margin = int(np.ceil(np.sqrt(_last_shell(voxels, _missing(phase, target))))) + 1
+        wide = tuple(n + 2 * margin for n in shape)
+        origin = (-margin * voxel_size_um,) * 3
+        around = voxelise(bodies, library, wide, voxel_size_um, origin, threads=threads)
+        within = (slice(margin, -margin),) * 3
+        for whole, part in zip(around, (phase, body), strict=True):
+            whole[within] = part  # the same grains to the last voxel, whatever the shifted origin rounds to
+        del phase, body, whole, part
+        phase, body, rim = grow_rims(*around, target, label, margin)
     return (
-        rims.phase,
-        rims.body,
+        phase,
+        body,
         {
             "target": float(target),
             "before": before,
-            "after": porosity(rims.phase),
-            "share": int(np.count_nonzero(rims.phase == label)) / rims.phase.size,
-            "rim_um": rim,
+            "after": porosity(phase),
+            "share": int(np.count_nonzero(phase == label)) / phase.size,
+            "rim_um": rim * voxel_size_um,
             "wall_s": time.perf_counter() - started,
         },
     )
 
 
-def with_rims(
-    bodies: pd.DataFrame,
-    library: Meshes,
-    shape: tuple[int, int, int],
-    voxel_size_um: float,
-    target: float,
-    *,
-    threads: int = 1,
-) -> tuple[float, np.ndarray]:
-    """Porosity of a bed, and whether a voxel is solid once rims have brought it to the target.
+def grow_rims(
+    phase: np.ndarray, body: np.ndarray, target: float, label: int, margin: int = 0
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Rims of even thickness on all grains, by as many voxels as the target porosity wants.
 
-    Parameters are those of :func:`cement`.
+    Pore voxels are filled in the order of their Euclidean distance to the solid. Whole shells of voxels are
+    equally far on a grid; among those of the last shell the ones with more solid near by come first (the
+    true surface passes nearer to them), and what is equal even then is taken evenly over the volume by an
+    additive recurrence.
+
+    Parameters
+    ----------
+    phase : (nz, ny, nx) uint8
+        0 pore.
+    body : (nz, ny, nx) int
+        Body id + 1, 0 pore.
+    target : float
+        Porosity wanted of the volume within the margin.
+    label : int
+        Phase of the cement.
+    margin : int
+        Voxels on each side that only lend their grains.
 
     Returns
     -------
-    porosity : float
-        Without rims.
-    solid : (nz, ny, nx) bool
+    phase, body : ndarray
+        Without the margin; cement voxels have ``label`` and the body of the grain nearest to them.
+    rim : float
+        Thickness, voxels: distance of the last voxel filled from the nearest solid voxel; 0 for none.
+
+    Notes
+    -----
+    Overgrowth in proportion to nothing but the distance is the isotropic cementation of process-based
+    reconstructions (Bakke and Øren, SPE Journal 2, 136, 1997, with exponent 0).
     """
-    phase, _, report = cement(bodies, library, shape, voxel_size_um, target, 1, threads=threads)
-    return report["before"], phase > 0
+    within = tuple(slice(margin, n - margin) for n in phase.shape)
+    grains, owner = phase[within].copy(), body[within].copy()
+    if _missing(grains, target) <= 0 or not phase.any():
+        return grains, owner, 0.0
+    squared, voxels = _shells(phase, margin)
+    late, last = _left_of_the_last_shell(phase, squared, voxels, _missing(grains, target), margin)
+    squared[late] = np.inf
+    rim = float(np.sqrt(last))
+    for z in range(0, len(grains), SLAB):
+        slab = slice(z, z + SLAB)
+        filled = (squared[slab] > 0) & (squared[slab] <= last)
+        nearest = _nearest(body, int(np.ceil(rim)) + 1, z + margin, min(z + SLAB, len(grains)) + margin)
+        grains[slab][filled] = label
+        owner[slab][filled] = nearest[:, within[1], within[2]][filled]
+    return grains, owner, rim
 
 
-def fill_to_surface(
-    bodies: pd.DataFrame,
-    library: Meshes,
-    shape: tuple[int, int, int],
-    voxel_size_um: float,
-    per_um: float,
-    *,
-    threads: int = 1,
-) -> float:
+def fill_to_surface(phase: np.ndarray, voxel_size_um: float, per_um: float) -> float:
     """Share of a bed's pores that rims have filled when its grains have so little surface left.
 
     Where grains meet, rims close the gap between them: a bed of grains that touch in points loses surface as
@@ -136,9 +160,9 @@ def fill_to_surface(
 
     Parameters
     ----------
-    bodies, library, shape, voxel_size_um, threads
-        The bed, as :func:`cement` takes it; a large region is looked at in its
-        :func:`~grainfall.surface.core`.
+    phase : (nz, ny, nx) int
+        A bed, 0 pore; :func:`grainfall.surface.core` gives enough of a large one.
+    voxel_size_um : float
     per_um : float
         Surface wanted by volume of the solid, 1/um, of a bed whose grains are with their rims as large as
         these are without.
@@ -146,28 +170,26 @@ def fill_to_surface(
     Returns
     -------
     float
-        At most :data:`MOST_FILLED`; 0 where the bed has no more surface than that, or no pore.
+        At most 0.95; 0 where the bed has no more surface than that, or no pore.
     """
-    corner = tuple(max(0, (int(n) - CORE) // 2) * voxel_size_um for n in shape[::-1])
-    within = tuple(min(int(n), CORE) for n in shape)
-    rims = _Rims(bodies, library, within, voxel_size_um, corner, threads=threads)
-    size = rims.phase.size
-    pores = int(np.count_nonzero(rims.phase == 0))
-    solid = size - pores
+    pores = int(np.count_nonzero(phase == 0))
+    solid = phase.size - pores
     if not (solid and pores):
         return 0.0
+    squared, voxels = _shells(phase)
 
-    def surface(number: int) -> float:
-        pore = rims.phase == 0
-        if number:
-            pore.ravel()[rims.first(number)[0]] = False
-        growth = ((solid + number) / solid) ** (1 / 3)
+    def surface(filled: int) -> float:
+        late, last = _left_of_the_last_shell(phase, squared, voxels, filled)
+        pore = squared > last
+        pore[late] = True
+        growth = ((solid + filled) / solid) ** (1 / 3)
         # by the size that the grains have when room is made for their rims
-        return growth * specific_surface(pore, voxel_size_um) * size / (solid + number)
+        return growth * specific_surface(pore, voxel_size_um) * phase.size / (solid + filled)
 
-    most = int(MOST_FILLED * pores)
+    most = pores * 19 // 20
     if surface(0) <= per_um:
         return 0.0
+    # the first share that does: a shell half filled is rougher than the grain was
     low, high = 0, min(most, 1 + int(FIRST_STEP * pores))
     while high < most and surface(high) > per_um:
         low, high = high, min(most, 1 + 3 * high // 2)
@@ -177,48 +199,46 @@ def fill_to_surface(
     return high / pores
 
 
-class _Rims:
-    """A bed as voxels, and its pores in the order in which rims of even thickness reach them."""
+def with_rims(phase: np.ndarray, target: float) -> np.ndarray:
+    """Whether a voxel is solid once rims have brought a bed, (nz, ny, nx) with 0 for pores, to a porosity."""
+    missing = _missing(phase, target)
+    if missing <= 0 or not phase.any():
+        return phase > 0
+    squared, voxels = _shells(phase)
+    late, last = _left_of_the_last_shell(phase, squared, voxels, missing)
+    solid = squared <= last
+    solid[late] = False
+    return solid
 
-    def __init__(self, bodies, library, shape, voxel_size_um, origin_um=(0.0, 0.0, 0.0), *, threads=1):
-        self.bed = bodies, library
-        self.voxel, self.origin, self.threads = voxel_size_um, origin_um, threads
-        self.phase, self.body = voxelise(bodies, library, shape, voxel_size_um, origin_um, threads=threads)
-        self.known = 0  # pores whose distance is known, the nearest ones
-        self.distance: np.ndarray | None = None
-        self.nearest: np.ndarray | None = None
 
-    def first(self, number: int) -> tuple[np.ndarray, float]:
-        """Flat indices of that many pores nearest to the grains, and the distance of the last, um.
+def _shells(phase: np.ndarray, margin: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Squared distances to the solid within the margin, and how many pore voxels lie at each."""
+    squared = edt.edtsq(np.ascontiguousarray(phase == 0), black_border=False)
+    within = tuple(slice(margin, n - margin) for n in phase.shape)
+    squared = np.rint(squared, out=squared)[within]
+    voxels = np.zeros(int(squared.max()) + 1, np.int64)
+    for plane in squared:
+        voxels += np.bincount(plane.astype(np.int64).ravel(), minlength=len(voxels))
+    voxels[0] = 0  # solid
+    return squared, voxels
 
-        Of pores equally far, as on a wall along the grid, those come first that an additive recurrence takes:
-        evenly over the volume.
-        """
-        if number > self.known:
-            self._look(number)
-        within = np.flatnonzero(np.isfinite(self.distance))
-        found = self.distance.ravel()[within]
-        last = np.partition(found, number - 1)[number - 1]
-        nearer, level = within[found < last], within[found == last]
-        at = np.stack(np.unravel_index(level, self.phase.shape)).astype(np.uint64)
-        order = np.argsort((SCATTER[:, None] * at).sum(axis=0) & np.uint64(0xFFFFFFFF), kind="stable")
-        return np.concatenate([nearer, level[order[: number - len(nearer)]]]), float(last)
 
-    def _look(self, number: int) -> None:
-        """Find the distances of at least so many pores."""
-        # Centres of solid voxels lie in the grains, so that distances to them are bounds from above.
-        squared = edt.edtsq(self.phase == 0, black_border=False, parallel=self.threads)
-        shells = np.zeros(int(squared.max()) + 1, np.int64)
-        for plane in squared:
-            shells += np.bincount(np.rint(plane).astype(np.int64).ravel(), minlength=len(shells))
-        shells[0] = 0  # solid
-        del squared
-        number = min(4 * number // 3, int(shells.sum())) if self.known else number
-        most = int(np.searchsorted(np.cumsum(shells), number)) ** 0.5
-        self.distance, self.nearest = surface_distances(
-            *self.bed, self.phase, self.voxel, most * self.voxel * 1.001, self.origin, threads=self.threads
-        )
-        self.known = int(np.count_nonzero(np.isfinite(self.distance)))
+def _last_shell(voxels: np.ndarray, wanted: int) -> int:
+    """Squared distance of the shell with which ``wanted`` voxels are filled."""
+    return int(np.searchsorted(np.cumsum(voxels), wanted))
+
+
+def _left_of_the_last_shell(
+    phase: np.ndarray, squared: np.ndarray, voxels: np.ndarray, wanted: int, margin: int = 0
+) -> tuple[tuple[np.ndarray, ...], int]:
+    """Voxels of the last shell filled that stay pore, and that shell's squared distance."""
+    last = _last_shell(voxels, wanted)
+    edge = np.nonzero(squared == last) if last else ([], [], [])
+    edge = tuple(np.asarray(at, np.int64) for at in edge)
+    even = (SCATTER[:, None] * np.stack(edge).astype(np.uint64)).sum(axis=0) & np.uint64(0xFFFFFFFF)
+    order = np.lexsort((even, -_support(phase, *(at + margin for at in edge))))
+    rest = wanted - int(voxels[:last].sum())
+    return tuple(at[order[rest:]] for at in edge), last
 
 
 def as_minerals(phase: np.ndarray, body: np.ndarray, bodies: pd.DataFrame) -> np.ndarray:
@@ -230,7 +250,7 @@ def as_minerals(phase: np.ndarray, body: np.ndarray, bodies: pd.DataFrame) -> np
     Parameters
     ----------
     phase : (nz, ny, nx) uint8
-    body : (nz, ny, nx) int32
+    body : (nz, ny, nx) int
         Body id + 1, 0 pore.
     bodies : DataFrame
         Columns id and phase.
@@ -247,3 +267,26 @@ def as_minerals(phase: np.ndarray, body: np.ndarray, bodies: pd.DataFrame) -> np
 def _missing(phase: np.ndarray, target: float) -> int:
     """Voxels to be filled for the target porosity."""
     return int(np.count_nonzero(phase == 0)) - round(target * phase.size)
+
+
+@njit(cache=True, nogil=True)
+def _support(phase, z, y, x):
+    """Solid voxels in a cube about each of the voxels given; the volume goes on beyond its faces."""
+    nz, ny, nx = phase.shape
+    half = SUPPORT // 2
+    found = np.zeros(len(z), np.int64)
+    for i in range(len(z)):
+        for a in range(z[i] - half, z[i] + half + 1):
+            for b in range(y[i] - half, y[i] + half + 1):
+                for c in range(x[i] - half, x[i] + half + 1):
+                    here = phase[min(max(a, 0), nz - 1), min(max(b, 0), ny - 1), min(max(c, 0), nx - 1)]
+                    found[i] += here > 0
+    return found
+
+
+def _nearest(body: np.ndarray, reach: int, start: int, stop: int) -> np.ndarray:
+    """Body of the nearest solid voxel on planes from start to stop, right within ``reach`` voxels of it."""
+    first = max(0, start - reach)
+    part = body[first : stop + reach]
+    index = scipy.ndimage.distance_transform_edt(part == 0, return_distances=False, return_indices=True)
+    return part[tuple(index[:, start - first : stop - first])]

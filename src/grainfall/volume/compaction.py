@@ -10,7 +10,8 @@ import pandas as pd
 from grainfall.packing.plan import decide
 from grainfall.surface import solid_surface
 from grainfall.volume.cement import with_rims
-from grainfall.volume.scan import Meshes
+from grainfall.volume.measures import porosity
+from grainfall.volume.scan import Meshes, voxelise
 
 RESOLUTION = 0.002
 """To which the factor on the sizes is found."""
@@ -73,8 +74,8 @@ def compact(
         return bodies.assign(scale=factor * bodies["scale"])
 
     def at(factor: float) -> tuple[float, float]:
-        found, solid = with_rims(pressed(factor), library, shape, voxel, target)
-        return found, solid_surface(solid, voxel).per_um
+        phase, _ = voxelise(pressed(factor), library, shape, voxel)
+        return porosity(phase), solid_surface(with_rims(phase, target), voxel).per_um
 
     left, rims = at(1.0)
     short = left > target and rims < per_um

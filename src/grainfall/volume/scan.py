@@ -126,56 +126,6 @@ def voxelise_slabs(
         yield z, phase, body
 
 
-def surface_distances(
-    bodies: pd.DataFrame,
-    library: Meshes,
-    phase: np.ndarray,
-    voxel_size_um: float,
-    reach_um: float,
-    origin_um: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    *,
-    slab: int = 64,
-    threads: int = 1,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Distance of the pore voxels' centres from the nearest body, to its exact surface.
-
-    Parameters are those of :func:`voxelise`, and
-
-    Parameters
-    ----------
-    phase : (nz, ny, nx) uint8
-        The bodies as voxels, 0 pore; those around the region count as well.
-    reach_um : float
-        Distance up to which bodies are looked for.
-
-    Returns
-    -------
-    distance : (nz, ny, nx) float32
-        In um; infinite beyond the reach and in the solid.
-    body : (nz, ny, nx) int32
-        Id + 1 of the nearest body, the lower of two equally near; 0 where none is within the reach.
-
-    Notes
-    -----
-    Every face is held against the voxels in its bounding box widened by the reach: exact point to triangle
-    distances, most of them ruled out beforehand by the side of the face and the best so far. Where bodies
-    overlap, the part of a surface within another body is never the nearest to a pore.
-    """
-    scene = _Scene(bodies, library, voxel_size_um, origin_um, VIRTUAL)
-    distance = np.full(phase.shape, np.inf, np.float32)
-    body = np.zeros(phase.shape, np.int32)
-    reach = reach_um / voxel_size_um
-    starts = range(0, phase.shape[0], slab)
-
-    def scan(z: int) -> None:
-        scene.approach(z, reach, *(part[z : z + slab] for part in (phase, distance, body)))
-
-    with ThreadPoolExecutor(max(1, threads)) as pool:
-        list(pool.map(scan, starts))
-    distance *= voxel_size_um
-    return distance, body
-
-
 def packed_porosity(
     bodies: pd.DataFrame,
     library: Meshes,
@@ -222,7 +172,11 @@ class _Scene:
         """Scan the planes from ``z0`` on into the two arrays."""
         phase[...] = 0
         body[...] = 0
-        for b in self._near(z0, body.shape):
+        last = np.array([body.shape[2] - 1, body.shape[1] - 1, z0 + body.shape[0] - 1])
+        first = np.array([0, 0, z0])
+        reach = self.reach[:, None] + 1e-6
+        near = ((self.centre + reach >= first) & (self.centre - reach <= last)).all(axis=1)
+        for b in np.flatnonzero(near):
             shape = self.shapes[b]
             if shape == SPHERE:
                 _scan_sphere(self.centre[b], self.scale[b], z0, self.labels[b], self.phases[b], phase, body)
@@ -230,25 +184,6 @@ class _Scene:
             placed = _place(self.vertices[shape], self.rotation[b], self.scale[b], self.centre[b])
             if not _scan_mesh(placed, self.faces[shape], z0, self.labels[b], self.phases[b], phase, body):
                 raise ValueError(f"mesh of shape {shape} is not closed")
-
-    def approach(
-        self, z0: int, reach: float, phase: np.ndarray, distance: np.ndarray, body: np.ndarray
-    ) -> None:
-        """Distances, in voxels and at most ``reach``, of the pores on the planes from ``z0`` on."""
-        for b in self._near(z0, body.shape, reach):
-            shape = self.shapes[b]
-            if shape == SPHERE:
-                _near_sphere(self.centre[b], self.scale[b], z0, reach, self.labels[b], phase, distance, body)
-                continue
-            placed = _place(self.vertices[shape], self.rotation[b], self.scale[b], self.centre[b])
-            _near_mesh(placed, self.faces[shape], z0, reach, self.labels[b], phase, distance, body)
-
-    def _near(self, z0: int, shape: tuple[int, int, int], beyond: float = 0.0) -> np.ndarray:
-        """Bodies that come as near as that to the planes from ``z0`` on, in order of precedence."""
-        last = np.array([shape[2] - 1, shape[1] - 1, z0 + shape[0] - 1])
-        first = np.array([0, 0, z0])
-        reach = self.reach[:, None] + beyond + 1e-6
-        return np.flatnonzero(((self.centre + reach >= first) & (self.centre - reach <= last)).all(axis=1))
 
 
 def rotation_matrices(quaternions: np.ndarray) -> np.ndarray:
@@ -365,103 +300,3 @@ def _scan_mesh(vertices, faces, z0, label, phase_label, phase, body):
                     phase[k + k0 - z0, j + j0, i + i0] = phase_label
             closed &= inside == toggled[k, j, i1 - i0]
     return closed
-
-
-@njit(cache=True, nogil=True)
-def _near_sphere(centre, radius, z0, reach, label, phase, distance, body):
-    nz, ny, nx = phase.shape
-    most = radius + reach
-    for k in range(max(z0, ceil(centre[2] - most)), min(z0 + nz - 1, floor(centre[2] + most)) + 1):
-        for j in range(max(0, ceil(centre[1] - most)), min(ny - 1, floor(centre[1] + most)) + 1):
-            for i in range(max(0, ceil(centre[0] - most)), min(nx - 1, floor(centre[0] + most)) + 1):
-                if phase[k - z0, j, i] != 0:
-                    continue
-                off = (k - centre[2]) ** 2 + (j - centre[1]) ** 2 + (i - centre[0]) ** 2
-                found = np.float32(max(0.0, sqrt(off) - radius))
-                if found <= reach and found < distance[k - z0, j, i]:
-                    distance[k - z0, j, i] = found
-                    body[k - z0, j, i] = label
-
-
-@njit(cache=True, nogil=True)
-def _near_mesh(vertices, faces, z0, reach, label, phase, distance, body):
-    """Lower the distances of the pores near one closed mesh.
-
-    A pore lies on the outer side of a face that holds its nearest point: an edge or a corner that does is
-    shared with such a face.
-    """
-    nz, ny, nx = phase.shape
-    p = np.empty(3)
-    for f in range(faces.shape[0]):
-        a, b, c = vertices[faces[f, 0]], vertices[faces[f, 1]], vertices[faces[f, 2]]
-        k0 = max(z0, ceil(min(a[2], b[2], c[2]) - reach))
-        k1 = min(z0 + nz - 1, floor(max(a[2], b[2], c[2]) + reach))
-        j0 = max(0, ceil(min(a[1], b[1], c[1]) - reach))
-        j1 = min(ny - 1, floor(max(a[1], b[1], c[1]) + reach))
-        i0 = max(0, ceil(min(a[0], b[0], c[0]) - reach))
-        i1 = min(nx - 1, floor(max(a[0], b[0], c[0]) + reach))
-        if k0 > k1 or j0 > j1 or i0 > i1:
-            continue
-        n0 = (b[1] - a[1]) * (c[2] - a[2]) - (b[2] - a[2]) * (c[1] - a[1])
-        n1 = (b[2] - a[2]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[2] - a[2])
-        n2 = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-        area = sqrt(n0 * n0 + n1 * n1 + n2 * n2)
-        if area == 0.0:  # its neighbours hold its edges
-            continue
-        n0, n1, n2 = n0 / area, n1 / area, n2 / area
-        m0, m1, m2 = (a[0] + b[0] + c[0]) / 3, (a[1] + b[1] + c[1]) / 3, (a[2] + b[2] + c[2]) / 3
-        size = 0.0
-        for v in (a, b, c):
-            size = max(size, sqrt((v[0] - m0) ** 2 + (v[1] - m1) ** 2 + (v[2] - m2) ** 2))
-        for k in range(k0, k1 + 1):
-            for j in range(j0, j1 + 1):
-                beside = n1 * (j - m1) + n2 * (k - m2)
-                off = (j - m1) ** 2 + (k - m2) ** 2
-                for i in range(i0, i1 + 1):
-                    if phase[k - z0, j, i] != 0:
-                        continue
-                    best = min(np.float64(distance[k - z0, j, i]), reach)
-                    above = n0 * (i - m0) + beside
-                    if above < -1e-6 or above > best or off + (i - m0) ** 2 > (best + size) ** 2:
-                        continue
-                    p[0], p[1], p[2] = i, j, k
-                    found = np.float32(_to_triangle(p, a, b, c))
-                    if found <= reach and found < distance[k - z0, j, i]:
-                        distance[k - z0, j, i] = found
-                        body[k - z0, j, i] = label
-
-
-@njit(cache=True, nogil=True)
-def _to_triangle(p, a, b, c):
-    """Distance from a point to a triangle, by the region of its foot (Ericson 2005, section 5.1.5)."""
-    d1 = d2 = d3 = d4 = d5 = d6 = 0.0
-    for x in range(3):
-        ab, ac = b[x] - a[x], c[x] - a[x]
-        d1 += ab * (p[x] - a[x])
-        d2 += ac * (p[x] - a[x])
-        d3 += ab * (p[x] - b[x])
-        d4 += ac * (p[x] - b[x])
-        d5 += ab * (p[x] - c[x])
-        d6 += ac * (p[x] - c[x])
-    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
-    # the foot is a + v (b - a) + w (c - a)
-    if d1 <= 0.0 and d2 <= 0.0:
-        v, w = 0.0, 0.0
-    elif d3 >= 0.0 and d4 <= d3:
-        v, w = 1.0, 0.0
-    elif d6 >= 0.0 and d5 <= d6:
-        v, w = 0.0, 1.0
-    elif vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
-        v, w = d1 / (d1 - d3), 0.0
-    elif vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
-        v, w = 0.0, d2 / (d2 - d6)
-    elif va <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0:
-        w = (d4 - d3) / ((d4 - d3) + (d5 - d6))
-        v = 1.0 - w
-    else:
-        whole = va + vb + vc
-        v, w = vb / whole, vc / whole
-    off = 0.0
-    for x in range(3):
-        off += (p[x] - a[x] - v * (b[x] - a[x]) - w * (c[x] - a[x])) ** 2
-    return sqrt(off)
