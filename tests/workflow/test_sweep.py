@@ -62,6 +62,15 @@ def test_what_is_measured_is_not_measured_again(swept):
     assert {rule: n for rule, n in jobs.items() if rule != "accuracy_sweep"} == {"try_known": 2}
 
 
+def test_knobs_are_tried_on_the_first_truths_and_presets_on_all(swept):
+    truths = {**TINY["samples"], "other": TINY["samples"]["tiny"]}
+    write_config(swept, {**TINY, "samples": truths, "accuracy_sweep": SWEEP}, "truths.yaml")
+    jobs = planned(swept, "--", "accuracy_sweep", config="truths.yaml")
+    assert jobs["observe_twin"] == TINY["realizations"]
+    assert jobs["observe_reference"] == 1
+    assert "observe_first" not in jobs
+
+
 @pytest.mark.parametrize(
     ("asked", "words"),
     [

@@ -47,7 +47,7 @@ def pooled(volumes: Sequence[Mapping]) -> dict:
         As :func:`observe` gives them.
     """
     mean = {key: np.mean([one[key] for one in volumes], axis=0) for key in ("porosity", "k_md", "s2")}
-    pores = {key: np.concatenate([one["pores"][key] for one in volumes]) for key in volumes[0]["pores"]}
+    pores = network.pooled_sizes([one["pores"] for one in volumes])
     return {**mean, "lag_um": volumes[0]["lag_um"], "pores": pores}
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -106,6 +106,11 @@ def element_sizes(network: Network) -> dict[str, np.ndarray]:
         / 2,
         "coordination": coordination[linked],
     }
+
+
+def pooled_sizes(sizes: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    """Sizes of several networks as those of one; each as of :func:`element_sizes`."""
+    return {key: np.concatenate([of[key] for of in sizes]) for key in sizes[0]}
 
 
 def mean_pore_radius(sizes: Mapping[str, np.ndarray]) -> float:

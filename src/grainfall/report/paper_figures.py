@@ -42,7 +42,6 @@ from grainfall.report.validation import (
     PAPER,
     describe,
     network_sizes,
-    pooled,
     radial,
 )
 
@@ -523,7 +522,7 @@ def _network_panel(axes, r: Results, slab_um: float) -> None:
 
 def _pore_sizes(axes, volumes: Sequence[tuple]) -> None:
     """Pore volume over the radii of the network's pores, pooled over twins."""
-    drawn = [(pooled(v), colour, style, name) for v, colour, style, name in volumes if v]
+    drawn = [(network.pooled_sizes(v), colour, style, name) for v, colour, style, name in volumes if v]
     edges = np.linspace(0, max(sizes["pore_radius_um"].max() for sizes, *_ in drawn), 26)
     for sizes, colour, style, name in drawn:
         held = sizes["pore_volume_um3"]

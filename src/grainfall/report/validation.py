@@ -200,7 +200,7 @@ def _of_references(folders: Sequence[Path]) -> dict:
         "k": {along: float(np.mean([of[along] for of in k])) for along in k[0]},
         "s2": (curves[0][0], s2),
         "porosity": 1 - float(s2[0]),
-        "sizes": pooled([network_sizes(folder / "reference_network") for folder in cubes]),
+        "sizes": network.pooled_sizes([network_sizes(folder / "reference_network") for folder in cubes]),
     }
 
 
@@ -221,11 +221,6 @@ def radial(path: Path, column: str = "axis") -> tuple[np.ndarray, np.ndarray]:
 def network_sizes(stem: Path) -> dict[str, np.ndarray]:
     """Sizes of a network, by its path without what tells pores from throats."""
     return network.element_sizes(network.load(f"{stem}_pores.csv", f"{stem}_throats.csv"))
-
-
-def pooled(sizes: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    """Sizes of several networks as those of one; each as of :func:`grainfall.network.element_sizes`."""
-    return {key: np.concatenate([of[key] for of in sizes]) for key in sizes[0]}
 
 
 def _pore_figures(sizes: Mapping, truth: Mapping) -> dict[str, tuple]:
