@@ -43,9 +43,9 @@ class Choice:
     ----------
     preset, metric : str
     error, upper : float
-        Mean error over the twins, and the upper end of its 95 % interval; NaN for a single one.
+        Mean error of a twin over truths, and the upper end of its 95 % interval; NaN for a single one.
     n : int
-        Twins behind it.
+        Truths behind it.
     cpu_s : float
         Of a twin in the table's scene.
     """
@@ -62,7 +62,7 @@ class Choice:
         """The expectation, as a clause."""
         return (
             f"{self.preset} is measured to miss {METRICS[self.metric].label} by {self.error:.2g} on average "
-            f"over {self.n} twins, 95 % interval up to {self.upper:.2g}"
+            f"over twins of {self.n} rocks, 95 % interval up to {self.upper:.2g}"
         )
 
 

@@ -82,6 +82,16 @@ class TestSummary:
             (values.mean() - half, values.mean() + half), rel=1e-3
         )
 
+    def test_twins_of_one_truth_count_once(self):
+        """Two twins of one section err alike: ten of them say no more of other sections than one does."""
+        errors = {"one": [0.1, 0.3], "two": [0.1, -0.1, 0.1, -0.1]}
+        found = repeats({"a": [d for of in errors.values() for d in of]}, {"a": 1})
+        found["repeat"] = [f"{truth}/{n}" for truth, of in errors.items() for n in range(len(of))]
+        row = accuracy.summarise(found).iloc[0]
+        assert (row["n"], row["error"], row["bias"]) == (2, pytest.approx(0.15), pytest.approx(0.1))
+        half = 12.7062 * 0.1 / 2  # t at 0.975 with one degree of freedom, of 0.2 and 0.1
+        assert row["upper"] == pytest.approx(0.15 + half, rel=1e-4)
+
     def test_a_single_run_has_no_interval(self):
         row = accuracy.summarise(repeats({"a": [0.1]}, {"a": 1})).iloc[0]
         assert row["n"] == 1

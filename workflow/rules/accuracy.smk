@@ -31,7 +31,7 @@ rule accuracy_sweep:
             f"{TWIN}/observed.json",
             sample=list(SAMPLES),
             variant=SWEEP["presets"],
-            realization=REALIZATIONS,
+            realization=range(max(len(REALIZATIONS), SWEEP["twins"])),
         ),
         expand(
             f"{SAMPLE}/observed.json",

@@ -93,7 +93,8 @@ def summarise(repeats: pd.DataFrame) -> pd.DataFrame:
 
     A repeat draws the same numbers under every setting, so a difference is that of two settings in one
     repeat, never of two means. The error of a setting is the mean size of its differences: what one run is
-    off by. Its bias is their mean with the sign left on: what no number of runs averages out.
+    off by. Its bias is their mean with the sign left on: what no number of runs averages out. Repeats of one
+    truth (``truth/number``) share its section, so they count as one, by their mean: intervals are over truths.
 
     Parameters
     ----------
@@ -103,7 +104,7 @@ def summarise(repeats: pd.DataFrame) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        Columns :data:`COLUMNS`, knobs and settings in the order of the repeats. Bounds are 95 % t-intervals,
+        Columns :data:`COLUMNS`, ``n`` truths, knobs and settings in the order of the repeats. Bounds are 95 % t-intervals,
         not below 0 for an error, empty for a single repeat; costs are medians. What others are held against
         has costs alone. ``front``: nothing in the same scene, held against the same, is as cheap and as near
         and better in one (:func:`front`, CPU seconds).
@@ -111,12 +112,15 @@ def summarise(repeats: pd.DataFrame) -> pd.DataFrame:
     rows = []
     keys = ["scene", "knob", "setting", "against", "metric"]
     for key, group in repeats.groupby(keys, sort=False):
-        values = group["difference"].dropna().to_numpy(float)
+        truth = group["repeat"].astype(str).str.partition("/")[0]
+        values = group["difference"]
+        sizes, signed = (v.groupby(truth).mean().dropna().to_numpy() for v in (values.abs(), values))
         error = bias = (np.nan,) * 3
-        if len(values):
-            error, bias = (t_interval(v)[1:] for v in (np.abs(values), values))
+        if len(sizes):
+            error, bias = t_interval(sizes)[1:], t_interval(signed)[1:]
         costs = (group[cost].median() for cost in COSTS)
-        rows.append((*key, len(group), error[0], np.maximum(error[1], 0.0), error[2], *bias, *costs, False))
+        n = truth.nunique()
+        rows.append((*key, n, error[0], np.maximum(error[1], 0.0), error[2], *bias, *costs, False))
     table = pd.DataFrame(rows, columns=list(COLUMNS))
     for _, group in table.groupby(["scene", "against", "metric"], sort=False):
         group = group[group["error"].notna()]
