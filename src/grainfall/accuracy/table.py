@@ -94,7 +94,8 @@ def summarise(repeats: pd.DataFrame) -> pd.DataFrame:
     A repeat draws the same numbers under every setting, so a difference is that of two settings in one
     repeat, never of two means. The error of a setting is the mean size of its differences: what one run is
     off by. Its bias is their mean with the sign left on: what no number of runs averages out. Repeats of one
-    truth (``truth/number``) share its section, so they count as one, by their mean: intervals are over truths.
+    truth (``truth/number``) share its section, so they count as one, by their mean: intervals are over
+    truths.
 
     Parameters
     ----------
@@ -104,10 +105,10 @@ def summarise(repeats: pd.DataFrame) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        Columns :data:`COLUMNS`, ``n`` truths, knobs and settings in the order of the repeats. Bounds are 95 % t-intervals,
-        not below 0 for an error, empty for a single repeat; costs are medians. What others are held against
-        has costs alone. ``front``: nothing in the same scene, held against the same, is as cheap and as near
-        and better in one (:func:`front`, CPU seconds).
+        Columns :data:`COLUMNS`, ``n`` truths, knobs and settings in the order of the repeats. Bounds are 95 %
+        t-intervals, not below 0 for an error, empty for a single repeat; costs are medians. What others are
+        held against has costs alone. ``front``: nothing in the same scene, held against the same, is as cheap
+        and as near and better in one (:func:`front`, CPU seconds).
     """
     rows = []
     keys = ["scene", "knob", "setting", "against", "metric"]
