@@ -64,11 +64,15 @@ def test_what_is_measured_is_not_measured_again(swept):
 
 def test_knobs_are_tried_on_the_first_truths_and_presets_on_all(swept):
     truths = {**TINY["samples"], "other": TINY["samples"]["tiny"]}
-    write_config(swept, {**TINY, "samples": truths, "accuracy_sweep": SWEEP}, "truths.yaml")
-    jobs = planned(swept, "--", "accuracy_sweep", config="truths.yaml")
-    assert jobs["observe_twin"] == TINY["realizations"]
-    assert jobs["observe_reference"] == 1
-    assert "observe_first" not in jobs
+    for twins, more in ((1, 0), (TINY["realizations"] + 1, 1)):
+        write_config(
+            swept, {**TINY, "samples": truths, "accuracy_sweep": {**SWEEP, "twins": twins}}, "truths.yaml"
+        )
+        jobs = planned(swept, "--", "accuracy_sweep", config="truths.yaml")
+        # of the new truth all twins, of the finished one what was not asked for before
+        assert jobs["observe_twin"] == TINY["realizations"] + 2 * more
+        assert jobs["observe_reference"] == 1
+        assert "observe_first" not in jobs
 
 
 @pytest.mark.parametrize(
