@@ -2,7 +2,7 @@
 
 from _stage import stage
 
-from grainfall import io, morphology, packing, random, stereology, volume
+from grainfall import grains, io, morphology, packing, random, stereology, volume
 from grainfall.surface import SolidSurface, core, solid_surface
 
 with stage(snakemake) as progress:
@@ -45,8 +45,10 @@ with stage(snakemake) as progress:
         ),
         porosity,
         sum(p * v for p, v in zip(scene["probabilities"], scene["mean_volumes_um3"], strict=True)),
+        voids=int((grains.Library.load(files.library).table["phase"] == grains.VOID).sum()),
         switch=settings["effects"]["virtual_spheres"],
         cement=settings["effects"]["cement"],
+        void_shapes=settings["effects"]["void_shapes"],
         limit=settings["feedback"]["limit"],
     )
     io.write_table(snakemake.output.pores, pores)

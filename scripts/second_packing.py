@@ -28,6 +28,7 @@ with stage(snakemake) as progress, checkpoints(snakemake) as folder:
             ),
             spheres=spheres,
             p_sphere=p_sphere,
+            void_shapes=deficit["void_shapes"]["on"],
             rest=False,
             progress=progress,
             checkpoints=folder,

@@ -454,6 +454,68 @@ def test_discs_make_spheres():
     assert found["inertia_xx"].to_numpy() == pytest.approx(np.full(4, 8 * np.pi / 15), rel=0.03)
 
 
+@settings(deadline=None, max_examples=25)
+@given(seeds, st.floats(1.0, 6.0))
+def test_opening_is_that_by_a_disc(seed, radius):
+    noise = ndimage.gaussian_filter(np.random.default_rng(seed).random((70, 80)), 3)
+    pores = noise > np.median(noise)
+    y, x = np.mgrid[-6:7, -6:7]
+    disc = y**2 + x**2 <= radius**2
+    eroded = ndimage.binary_erosion(pores, disc, border_value=1)
+    assert (grains.opened(pores, radius) == (ndimage.binary_dilation(eroded, disc) & pores)).all()
+
+
+def voids_among_grains(void):
+    """Solid with voids of one mask on a lattice, and grains of 8 pixels everywhere (in the table alone)."""
+    cell = np.zeros((96, 96), bool)
+    rows, columns = void.shape
+    top, left = (96 - rows) // 2, (96 - columns) // 2
+    cell[top : top + rows, left : left + columns] = void
+    phase = np.uint8(~np.tile(cell, (4, 4)))
+    phase[:, 47::96] = 0  # a channel narrower than any grain joins them
+    return phase, pd.DataFrame({"r_um": [8.0], "weight": [1.0]})
+
+
+def shapes_of_voids(phase, table, **over):
+    given = {"number": 6, "pore_persistence": 0.1, "min_radius_px": 2.0} | over
+    return grains.void_shapes(phase, table, 1.0, np.random.default_rng(0), **given)
+
+
+def test_round_voids_give_spheres_and_lobed_ones_do_not():
+    round_, lobed = (
+        shapes_of_voids(*voids_among_grains(void))
+        for void in (ellipse(1, 1, 20), star(lambda t: 1 + 0.3 * np.cos(3 * t), 18))
+    )
+    assert (round_.table["phase"] == grains.VOID).all()
+    assert len(round_) == 6
+    assert round_.table["r2d_um"].to_numpy() == pytest.approx(20, abs=0.6)
+    assert round_.table["sphericity"].min() > 0.97
+    assert lobed.table["sphericity"].max() < 0.97
+    # sized by the circle that fits in, which is smaller than the circle of equal area
+    assert lobed.table["r2d_um"].max() < 18
+
+
+def test_a_section_without_voids_gives_no_shapes_of_them():
+    phase, table = voids_among_grains(ellipse(1, 1, 20))
+    assert shapes_of_voids(phase, table.assign(r_um=24.0)) is None  # none would hold a grain
+    assert shapes_of_voids(phase, table.assign(r_um=2.0)) is None  # pixels too coarse to tell
+    assert shapes_of_voids(phase, table.assign(weight=0.0)) is None  # every grain is cut
+    assert shapes_of_voids(phase[:288, :288], table) is None  # nine voids are too few
+
+
+def test_shapes_of_voids_come_after_those_of_the_grains(library, tmp_path):
+    voids = shapes_of_voids(*voids_among_grains(ellipse(1, 1, 20)))
+    both = library.with_shapes(voids)
+    assert both.table["shape"].tolist() == list(range(len(library) + 6))
+    both.save(tmp_path / "both")
+    again = grains.Library.load(tmp_path / "both")
+    for ours, theirs in ((library, 0), (voids, len(library))):
+        for k in (0, len(ours) - 1):
+            np.testing.assert_array_equal(again.mesh(theirs + k)[0], ours.mesh(k)[0])
+            np.testing.assert_array_equal(again.mesh(theirs + k)[1], ours.mesh(k)[1])
+            assert len(again.pieces[theirs + k]) == len(ours.pieces[k])
+
+
 def test_sections_of_the_shapes_are_as_elongated_as_the_masks():
     # the masks: isotropic sections of ellipsoids 1 : 0.6 : 0.4, whose aspects are known without a mesh
     rng = np.random.default_rng(8)

@@ -1,6 +1,6 @@
 """Mixing probabilities, quotas, and the sizes and number of virtual spheres."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pandas as pd
@@ -130,6 +130,22 @@ def test_virtual_spheres_come_in_their_share():
     assert (drawn["shape"][virtual] == -1).all()
     assert (drawn["phase"][virtual] == 0).all()
     assert drawn["scale"][virtual].between(5, 15).all()
+
+
+def test_large_virtual_spheres_take_the_shapes_of_voids_and_keep_their_volumes():
+    library, mix = Library(), mixture(spheres=Uniform(5, 15), p_sphere=0.4)
+    voids = pd.DataFrame({"shape": 1000 + np.arange(9), "phase": 0, "r2d_um": 10.0 + np.arange(9)})
+    library.table = pd.concat([library.table, voids], ignore_index=True)
+    plain, shaped = (
+        draw_population(replace(mix, void_shapes=on), library, 4e8, np.random.default_rng(0))
+        for on in (False, True)
+    )
+    held = shaped["shape"] >= 1000
+    assert (held == ((plain["kind"] == "virtual") & (plain["scale"] >= 10))).all()
+    assert shaped["shape"][held].nunique() > 3
+    pd.testing.assert_frame_equal(plain.drop(columns="shape"), shaped.drop(columns="shape"))
+    assert (plain["shape"][~held] == shaped["shape"][~held]).all()
+    assert plain["shape"].max() < 1000
 
 
 def test_no_inversion_uses_apparent_sizes():

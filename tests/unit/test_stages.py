@@ -193,6 +193,29 @@ def test_spheres_for_vugs_are_no_smaller_than_vugs():
     assert sizes.quantile(np.array([0.0]))[0] >= 12.05
 
 
+@pytest.mark.parametrize(
+    ("first", "over", "on", "words"),
+    [
+        (0.35, {"tail": VUGS, "voids": 40}, True, "of which the section gives 40 shapes"),
+        (0.35, {"tail": VUGS, "voids": 0}, False, "gives no shapes"),
+        (0.35, {"voids": 40}, False, "virtual spheres hold"),
+        (0.35, {"voids": 40, "void_shapes": "on"}, True, "forced on in the config, although"),
+        (0.35, {"voids": 0, "void_shapes": "on"}, False, "with nothing to do"),
+        (0.395, {"voids": 40, "void_shapes": "on"}, False, "no virtual spheres hold"),
+        (
+            0.35,
+            {"tail": VUGS, "voids": 40, "void_shapes": "off"},
+            False,
+            "switched off in the config, although",
+        ),
+    ],
+)
+def test_shapes_of_voids_where_spheres_hold_large_pores_open(first, over, on, words):
+    found = deficit(first, **{"void_shapes": "auto", **over})[1]["void_shapes"]
+    assert found["on"] is on
+    assert words in found["reason"]
+
+
 def test_sizes_survive_their_table():
     sizes, _ = deficit(0.35)
     again = packing.VirtualSizes.from_table(sizes.to_table())

@@ -118,6 +118,7 @@ def test_plan_says_why(finished):
     plan = json.loads((twin(finished) / "plan.json").read_text())
     optional = {
         "virtual_spheres",
+        "void_shapes",
         "densification",
         "cement",
         "compaction",

@@ -102,6 +102,7 @@ if CONFIG["accuracy"]:
     }
 
 VARIANTS = {name: sheet.variant(CONFIG, name) for name in CONFIG["variants"]}
+VOID_SHAPES = any(w["effects"]["void_shapes"] != "off" for w in VARIANTS.values())
 REALIZATIONS = range(CONFIG["realizations"])
 SLABS = CONFIG["slabs"]
 # Variants whose network comes of slabs. snow2 knows none: it takes the volume as a whole.

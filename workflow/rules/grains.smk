@@ -20,7 +20,10 @@ rule grain_library:
         runtime=runtime(60),
     params:
         stream=stream,
-        settings=settings("grains"),
+        settings=settings(
+            "grains", "morphology.pore_persistence", "morphology.min_radius_px"
+        ),
+        voids=VOID_SHAPES,
         science=science("grains"),
     script:
         "../../scripts/grain_library.py"

@@ -56,6 +56,7 @@ rule first_packing:
 rule deficit:
     input:
         scene=f"{VARIANT}/scene.json",
+        library=f"{SAMPLE}/grains3d",
         section_pores=f"{VARIANT}/section_pores2d.csv",
         section_surface=f"{VARIANT}/section_surface.json",
         volume=f"{TWIN}/first/volume.zarr.zip",
@@ -76,6 +77,7 @@ rule deficit:
         stream=stream,
         settings=settings(
             "effects.virtual_spheres",
+            "effects.void_shapes",
             "effects.cement",
             "feedback",
             "morphology",

@@ -77,6 +77,17 @@ class Library:
     def __len__(self) -> int:
         return len(self.vertices)
 
+    def with_shapes(self, other: Library) -> Library:
+        """This library and the shapes of another after its own, whose ids stay what they are."""
+        later = other.table.assign(shape=other.table["shape"] + len(self))
+        return Library(
+            self.vertices + other.vertices,
+            self.faces + other.faces,
+            pd.concat([self.table, later], ignore_index=True),
+            pd.concat([self.skipped, other.skipped], ignore_index=True),
+            self.pieces + other.pieces,
+        )
+
     def mesh(self, shape: int) -> tuple[np.ndarray, np.ndarray]:
         """Vertices and faces of a shape; id −1 is a sphere."""
         return sphere() if shape == SPHERE else (self.vertices[shape], self.faces[shape])

@@ -11,6 +11,9 @@ import pandas as pd
 
 from grainfall.errors import InputError
 
+VOID = 0
+"""Phase of virtual bodies, and in a library of the shapes of voids."""
+
 GOLDEN = (5**0.5 - 1) / 2
 
 
@@ -97,6 +100,8 @@ class Mixture:
         Radii of the virtual spheres.
     p_sphere : float
         Probability that the next body is a virtual sphere.
+    void_shapes : bool
+        Whether virtual spheres as large as the voids of the library take their shapes, volumes kept.
     """
 
     sizes: Mapping[int, Sizes]
@@ -104,6 +109,7 @@ class Mixture:
     which: str = "f3d"
     spheres: Sizes | None = None
     p_sphere: float = 0.0
+    void_shapes: bool = False
 
     @property
     def phases(self) -> list[int]:
@@ -169,7 +175,7 @@ def draw_population(mixture: Mixture, library, volume_um3: float, rng: np.random
     Returns
     -------
     DataFrame
-        kind (``grain``, ``virtual``), phase (0 for virtual), shape (-1 for virtual), scale (um).
+        kind (``grain``, ``virtual``), phase (0 for virtual), shape (-1 for a sphere), scale (um).
 
     Raises
     ------
@@ -198,11 +204,15 @@ def draw_population(mixture: Mixture, library, volume_um3: float, rng: np.random
         scale[mine] = mixture._radii(size, u)
         if c < len(phases):
             shape[mine] = _shapes(library.table, phases[c], scale[mine], rng)
+        elif mixture.void_shapes:
+            smallest = library.table.loc[library.table["phase"] == VOID, "r2d_um"].min()
+            large = mine[scale[mine] >= smallest]
+            shape[large] = _shapes(library.table, VOID, scale[large], rng)
     virtual = component == len(phases)
     return pd.DataFrame(
         {
             "kind": np.where(virtual, "virtual", "grain"),
-            "phase": np.where(virtual, 0, np.array([*phases, 0])[component]),
+            "phase": np.where(virtual, VOID, np.array([*phases, VOID])[component]),
             "shape": shape,
             "scale": scale,
         }

@@ -97,6 +97,7 @@ def effects_plan(
         "weight_limit": _weight_limit(first, second),
         "phase_mixing": _entry(scene["phase_mixing"]),
         "virtual_spheres": _entry(deficit["virtual_spheres"], cost_s=_seconds(spheres), saved_s=once),
+        "void_shapes": _entry(deficit["void_shapes"]),
         "densification": _entry(second["densification"], cost_s=_seconds(lubricated), saved_s=once),
         "position_scaling": _entry(
             {**scaling, "on": scaling["applied"]}, cost_s=scaling["wall_s"], saved_s=voxelising

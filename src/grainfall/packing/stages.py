@@ -72,6 +72,7 @@ def pack(
     *,
     spheres: VirtualSizes | None = None,
     p_sphere: float = 0.0,
+    void_shapes: bool = False,
     rest: bool = True,
     progress: Callable[[str], None] | None = None,
     checkpoints: Path | None = None,
@@ -90,6 +91,8 @@ def pack(
         Sizes of virtual spheres poured among the grains.
     p_sphere : float
         Probability that the next body is one of them.
+    void_shapes : bool
+        Whether those as large as the voids of the library take their shapes.
     rest : bool
         Whether they are set free at the end until they rest; :func:`let_rest` does it later.
     progress : callable, optional
@@ -111,6 +114,7 @@ def pack(
         scene["sizes_from"],
         spheres if p_sphere > 0 else None,
         p_sphere,
+        void_shapes,
     )
     box = box_of(scene)
     share = scene["edge_um"] ** 2 / np.prod(box.sides_um)
@@ -204,8 +208,10 @@ def plan_deficit(
     porosity_first: float,
     mean_grain_volume: float,
     *,
+    voids: int = 0,
     switch: str = "auto",
     cement: str = "auto",
+    void_shapes: str = "off",
     limit: float = 0.01,
 ) -> tuple[VirtualSizes, dict]:
     """What the first packing lacks of the target, and the virtual spheres that would make up for it.
@@ -232,8 +238,10 @@ def plan_deficit(
         Porosity of the first packing.
     mean_grain_volume : float
         Mean grain volume over all phases, um^3.
-    switch, cement : {"auto", "on", "off"}
-        Of the virtual spheres and of the cement.
+    voids : int
+        Shapes of voids in the library.
+    switch, cement, void_shapes : {"auto", "on", "off"}
+        Of the virtual spheres, of the cement, and of the shapes of voids in place of large spheres.
     limit : float
         Porosity that the final scaling of positions can mend.
 
@@ -245,7 +253,7 @@ def plan_deficit(
         :class:`PoreTail`), overgrowth: on, forced, called_for, reason, filled, section_per_um,
         porosity (before the rims, what the packings aim for: the target where there are none); and
         virtual_spheres: on, forced, called_for, reason, p_sp (first guess), for_tail (whether the tail alone
-        called for them, so that they keep their share).
+        called for them, so that they keep their share); and void_shapes: on, forced, called_for, reason.
     """
     target_porosity = scene["porosity_target"]
     wanted = overgrowth.porosity_before(target_porosity)
@@ -285,6 +293,13 @@ def plan_deficit(
         reason,
         possible=(short > 0 or for_tail) and sizes.called_for,
     )
+    shaped = decide(
+        void_shapes,
+        spheres["on"] and tail.exceeds and voids > 0,
+        ("virtual spheres hold" if spheres["on"] else "no virtual spheres hold")
+        + f" voids open, of which the section gives {voids or 'no'} shapes; {tail.words}",
+        possible=spheres["on"] and voids > 0,
+    )
     return sizes, {
         "porosity_first": float(porosity_first),
         "porosity_target": float(target_porosity),
@@ -312,6 +327,7 @@ def plan_deficit(
             if spheres["on"]
             else 0.0,
         },
+        "void_shapes": shaped,
     }
 
 

@@ -608,14 +608,14 @@ def _network(r: Results, stem: str) -> dict | None:
 
 def gallery(r: Results, count: int = GALLERY) -> list[dict]:
     """Grains spread evenly over the library's minerals and sizes, each with the masks it was made from."""
-    from grainfall.grains import Library
+    from grainfall.grains import VOID, Library
 
     library = Library.load(r.path("sample:grains3d"))
     labels = r.volume("sample:labels.zarr.zip", "grains")
     if labels is None:
         return []
     boxes = ndimage.find_objects(labels)
-    minerals = sorted(library.table["phase"].unique())
+    minerals = sorted(set(library.table["phase"]) - {VOID})
     chosen = []
     for mineral in minerals:
         shapes = library.table[library.table["phase"] == mineral].sort_values(["r2d_um", "shape"])

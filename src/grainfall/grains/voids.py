@@ -1,0 +1,99 @@
+"""Voids: the shapes of a section's pores that are wider than its grains, for bodies that hold such open."""
+
+from __future__ import annotations
+
+import edt
+import numpy as np
+import pandas as pd
+
+from grainfall.grains.library import Library, build_library
+from grainfall.morphology import inscribed_circles, measure_grains, split_pores
+
+VOID = 0
+"""Phase of the shapes of voids."""
+
+FEWEST = 12
+"""Voids below which a section tells no shapes."""
+
+SHAPES = 40
+"""Shapes made: a region holds some dozens of voids, and to cut one into convex pieces takes seconds."""
+
+NARROWEST_PX = 3.0
+"""Radius, pixels, of a disc that still resembles one."""
+
+
+def opened(pores: np.ndarray, radius_px: float) -> np.ndarray:
+    """Morphological opening by a disc: the part of an image that such a disc reaches without leaving it.
+
+    Parameters
+    ----------
+    pores : (y, x) ndarray of bool
+        What lies beyond the image's edge counts as pore.
+    radius_px : float
+        Of the disc.
+
+    Returns
+    -------
+    (y, x) ndarray of bool
+    """
+    pores = np.asarray(pores, bool)
+    centres = _distance(pores) > radius_px
+    return pores & (_distance(~centres) <= radius_px) if centres.any() else centres
+
+
+def _distance(image: np.ndarray) -> np.ndarray:
+    """Distance to the nearest pixel that is not in the image."""
+    return edt.edt(np.ascontiguousarray(image, np.uint8), black_border=False, parallel=1)
+
+
+def void_shapes(
+    phase: np.ndarray,
+    grains2d: pd.DataFrame,
+    pixel_size_um: float,
+    rng: np.random.Generator,
+    *,
+    number: int = SHAPES,
+    pore_persistence: float,
+    min_radius_px: float,
+) -> Library | None:
+    """Shapes of a section's voids, each from three masks as grains are.
+
+    A void is a pore that would hold a grain: what the pore space keeps when it is opened by a disc as large
+    as the grain section in which the mean point of the solid lies. Grains alone leave hardly any. Voids that
+    run into each other are parted as pores are.
+
+    Parameters
+    ----------
+    phase : (y, x) ndarray of uint8
+        0 pore.
+    grains2d : DataFrame
+        The section's grains: r_um and weight.
+    pixel_size_um : float
+    rng : numpy.random.Generator
+    number : int
+        Shapes to make.
+    pore_persistence, min_radius_px : float
+        See :func:`~grainfall.morphology.split_pores`.
+
+    Returns
+    -------
+    Library or None
+        Shapes of phase :data:`VOID`; ``r2d_um`` is the radius of the inscribed circle of the mask that chose
+        the size bin. None where the section has fewer than :data:`FEWEST` voids, or too coarse pixels.
+    """
+    area = grains2d["weight"].to_numpy() * grains2d["r_um"].to_numpy() ** 2
+    if not area.sum() > 0:
+        return None
+    radius = float(np.average(grains2d["r_um"], weights=area))
+    if radius < NARROWEST_PX * pixel_size_um:
+        return None
+    wide = opened(phase == 0, radius / pixel_size_um)
+    labels = split_pores(np.uint8(~wide), persistence=pore_persistence, min_radius_px=min_radius_px)
+    if not labels.any():
+        return None
+    found = measure_grains(labels, np.zeros_like(labels), pixel_size_um)
+    circles = inscribed_circles(labels, pixel_size_um).set_index("pore")
+    # by their circles, as the bodies are that are to take their shapes
+    found["r_um"] = circles["r_um"].loc[found["grain"]].to_numpy()
+    found = found[~found["border"] & (found["r_um"] >= radius)].reset_index(drop=True)
+    return build_library(labels, found, number, rng) if len(found) >= FEWEST else None
