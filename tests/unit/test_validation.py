@@ -166,3 +166,26 @@ def test_the_page_shows_the_benchmarks_whose_tables_are_there(tmp_path):
     assert "<td>6</td>" in page
     assert "nan" not in page.lower()
     assert 'id="packing_speed"' not in page
+
+
+@pytest.mark.parametrize(
+    ("k", "tail", "statuses"), [(1.02, 48.0, [SHOWN, SHOWN]), (0.8, 60.0, [NOT_SHOWN, NOT_SHOWN])]
+)
+def test_shapes_of_voids_are_judged_where_they_were_tried(k, tail, statuses):
+    def over_truths(value, *where, truth=1.0):
+        return figures({s: [value + d] for s, d in zip("abc", (-0.01, 0, 0.01), strict=True)}, *where, truth)
+
+    case = "virtual_spheres_deep"
+    rows = [
+        over_truths(1e-5, case, "full", "porosity_miss"),
+        over_truths(0.87, case, "full", "k_ratio"),
+        over_truths(60.0, case, "full", "pore_r95_um", truth=46.5),
+    ]
+    shaped = [
+        over_truths(k, case, "voids", "k_ratio"),
+        over_truths(tail, case, "voids", "pore_r95_um", truth=46.5),
+    ]
+    found = [c for c in claims(aggregate(pd.concat(rows + shaped))) if "shapes" in c.claim]
+    assert [c.status for c in found] == statuses
+    assert "as spheres 0.87" in found[0].ours
+    assert not any("shapes" in c.claim for c in claims(aggregate(pd.concat(rows))))

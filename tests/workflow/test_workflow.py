@@ -135,6 +135,36 @@ def test_plan_says_why(finished):
     assert not plan["cement"]["on"]
 
 
+def test_virtual_spheres_take_the_shapes_of_voids(finished, tmp_path):
+    """Asked for by one variant: the grains and the first packing stay what they are to the byte."""
+    folder = shutil.copytree(finished, tmp_path / "shaped")
+    shaped = {"shaped": {"effects": {"void_shapes": "on"}}}
+    write_config(folder, changed(realizations=1, variants=shaped), "shaped.yaml")
+    made = folder / "results/tiny/shaped/0"
+    wanted = [(made / name).relative_to(folder) for name in ("metrics.csv", "plan.json", "contacts.csv")]
+    done = snakemake(folder, "--", *wanted, config="shaped.yaml")
+    assert done.returncode == 0, done.stdout[-6000:]
+    before, after = (
+        pd.read_csv(f / "results/tiny/grains3d/library.csv", float_precision="round_trip")
+        for f in (finished, folder)
+    )
+    pd.testing.assert_frame_equal(after[after.phase > 0], before)
+    assert (after.phase[len(before) :] == 0).all()
+    for name in ("first/bodies.csv", "virtual_spheres.csv"):
+        assert (made / name).read_bytes() == (twin(finished) / name).read_bytes()
+    poured = pd.read_csv(made / "second/bodies.csv")
+    held = poured["shape"] >= len(before)
+    assert held.any()
+    assert (poured.kind[held] == "virtual").all()
+    plain = pd.read_csv(twin(finished) / "second/bodies.csv")
+    assert (plain["shape"] < len(before)).all()
+    plan = json.loads((made / "plan.json").read_text())["void_shapes"]
+    assert plan["on"]
+    assert plan["forced"]
+    metrics = pd.read_csv(made / "metrics.csv").set_index("metric")["value"]
+    assert metrics["porosity"] == pytest.approx(TINY["scene"]["porosity"], abs=0.0005)
+
+
 def test_rock_too_dense_for_its_grains_is_cemented(finished, tmp_path):
     """A target below any packing: met to a voxel, the minerals unchanged, the cement a phase of its own."""
     folder = shutil.copytree(finished, tmp_path / "dense")

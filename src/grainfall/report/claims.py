@@ -160,6 +160,21 @@ def _spheres(table: pd.DataFrame) -> list[Claim]:
                 _within(_relative(tail), 1.0, 0.1),
             ),
         ]
+        shaped, k_shaped = (row_of(table, case, "voids", q) for q in ("pore_r95_um", "k_ratio"))
+        if shaped is not None and k_shaped is not None:
+            found += [
+                Claim(
+                    case,
+                    f"{name} in the shapes of the section's voids bring {what} (ours only)",
+                    "-",
+                    f"{_said(with_shapes)}; as spheres {_said(round_)}",
+                    _within(held, 1.0, tolerance),
+                )
+                for what, with_shapes, round_, held, tolerance in (
+                    ("K to the truth's (within 8 %)", k_shaped, k, k_shaped, 0.08),
+                    ("the tail to the truth's (within 10 %, µm)", shaped, tail, _relative(shaped), 0.1),
+                )
+            ]
     pairs = [
         [row_of(table, "virtual_spheres", variant, quantity) for variant in ("full", "touching")]
         for quantity in ("surface_ratio", "k_ratio")
