@@ -206,7 +206,7 @@ def test_spheres_for_vugs_are_no_smaller_than_vugs():
             0.35,
             {"tail": VUGS, "voids": 40, "void_shapes": "off"},
             False,
-            "switched off in the config, although",
+            "runs only where asked for",
         ),
     ],
 )

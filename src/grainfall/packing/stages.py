@@ -300,6 +300,8 @@ def plan_deficit(
         + f" voids open, of which the section gives {voids or 'no'} shapes; {tail.words}",
         possible=spheres["on"] and voids > 0,
     )
+    if void_shapes == "off":  # the default: nobody forced it, and no shapes were looked for
+        shaped = {"on": False, "forced": False, "called_for": False, "reason": "runs only where asked for"}
     return sizes, {
         "porosity_first": float(porosity_first),
         "porosity_target": float(target_porosity),
