@@ -20,9 +20,10 @@ with stage(snakemake) as progress:
             found,
             attributes["voxel_size_um"],
             random.generator(**snakemake.params.stream, chapter="grains/voids"),
+            progress=progress,
             **settings["morphology"],
         )
-        progress.say(f"{len(voids)} shapes of voids" if voids else "no voids wider than grains")
+        progress.say(f"{len(voids)} of voids" if voids else "no voids wider than grains")
         library = library.with_shapes(voids) if voids else library
     library.save(snakemake.output.library)
     progress.say(f"{len(library.table)} shapes")

@@ -454,17 +454,6 @@ def test_discs_make_spheres():
     assert found["inertia_xx"].to_numpy() == pytest.approx(np.full(4, 8 * np.pi / 15), rel=0.03)
 
 
-@settings(deadline=None, max_examples=25)
-@given(seeds, st.floats(1.0, 6.0))
-def test_opening_is_that_by_a_disc(seed, radius):
-    noise = ndimage.gaussian_filter(np.random.default_rng(seed).random((70, 80)), 3)
-    pores = noise > np.median(noise)
-    y, x = np.mgrid[-6:7, -6:7]
-    disc = y**2 + x**2 <= radius**2
-    eroded = ndimage.binary_erosion(pores, disc, border_value=1)
-    assert (grains.opened(pores, radius) == (ndimage.binary_dilation(eroded, disc) & pores)).all()
-
-
 def voids_among_grains(void):
     """Solid with voids of one mask on a lattice, and grains of 8 pixels everywhere (in the table alone)."""
     cell = np.zeros((96, 96), bool)

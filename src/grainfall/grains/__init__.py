@@ -4,7 +4,7 @@ from grainfall.grains.contours import Unusable
 from grainfall.grains.export import export_bodies, export_lammps, export_shape
 from grainfall.grains.library import SPHERE, Library, build_library, cut, sphere
 from grainfall.grains.shape import Grain, grain_from_contours, grain_from_masks, mass_properties, unit_contour
-from grainfall.grains.voids import VOID, opened, void_shapes
+from grainfall.grains.voids import VOID, void_shapes
 
 __all__ = [
     "SPHERE",
@@ -20,7 +20,6 @@ __all__ = [
     "grain_from_contours",
     "grain_from_masks",
     "mass_properties",
-    "opened",
     "sphere",
     "unit_contour",
     "void_shapes",

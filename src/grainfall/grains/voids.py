@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-import edt
+from collections.abc import Callable
+
 import numpy as np
 import pandas as pd
+import skimage  # its parts load when they are first used
 
 from grainfall.grains.library import Library, build_library
 from grainfall.morphology import inscribed_circles, measure_grains, split_pores
@@ -13,37 +15,13 @@ VOID = 0
 """Phase of the shapes of voids."""
 
 FEWEST = 12
-"""Voids below which a section tells no shapes."""
+"""Voids below which a section tells no shapes: as many masks as a size bin of grains has."""
 
 SHAPES = 40
 """Shapes made: a region holds some dozens of voids, and to cut one into convex pieces takes seconds."""
 
 NARROWEST_PX = 3.0
 """Radius, pixels, of a disc that still resembles one."""
-
-
-def opened(pores: np.ndarray, radius_px: float) -> np.ndarray:
-    """Morphological opening by a disc: the part of an image that such a disc reaches without leaving it.
-
-    Parameters
-    ----------
-    pores : (y, x) ndarray of bool
-        What lies beyond the image's edge counts as pore.
-    radius_px : float
-        Of the disc.
-
-    Returns
-    -------
-    (y, x) ndarray of bool
-    """
-    pores = np.asarray(pores, bool)
-    centres = _distance(pores) > radius_px
-    return pores & (_distance(~centres) <= radius_px) if centres.any() else centres
-
-
-def _distance(image: np.ndarray) -> np.ndarray:
-    """Distance to the nearest pixel that is not in the image."""
-    return edt.edt(np.ascontiguousarray(image, np.uint8), black_border=False, parallel=1)
 
 
 def void_shapes(
@@ -55,6 +33,7 @@ def void_shapes(
     number: int = SHAPES,
     pore_persistence: float,
     min_radius_px: float,
+    progress: Callable[[str], None] | None = None,
 ) -> Library | None:
     """Shapes of a section's voids, each from three masks as grains are.
 
@@ -74,6 +53,8 @@ def void_shapes(
         Shapes to make.
     pore_persistence, min_radius_px : float
         See :func:`~grainfall.morphology.split_pores`.
+    progress : callable, optional
+        Is told in a line of each shape made.
 
     Returns
     -------
@@ -87,13 +68,15 @@ def void_shapes(
     radius = float(np.average(grains2d["r_um"], weights=area))
     if radius < NARROWEST_PX * pixel_size_um:
         return None
-    wide = opened(phase == 0, radius / pixel_size_um)
+    # what lies beyond the image's edge counts as pore
+    centres = skimage.morphology.isotropic_erosion(phase == 0, radius / pixel_size_um)
+    if not centres.any():
+        return None  # a dilation of nothing is undefined
+    wide = skimage.morphology.isotropic_dilation(centres, radius / pixel_size_um)
     labels = split_pores(np.uint8(~wide), persistence=pore_persistence, min_radius_px=min_radius_px)
-    if not labels.any():
-        return None
     found = measure_grains(labels, np.zeros_like(labels), pixel_size_um)
     circles = inscribed_circles(labels, pixel_size_um).set_index("pore")
     # by their circles, as the bodies are that are to take their shapes
     found["r_um"] = circles["r_um"].loc[found["grain"]].to_numpy()
     found = found[~found["border"] & (found["r_um"] >= radius)].reset_index(drop=True)
-    return build_library(labels, found, number, rng) if len(found) >= FEWEST else None
+    return build_library(labels, found, number, rng, progress=progress) if len(found) >= FEWEST else None

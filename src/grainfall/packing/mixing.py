@@ -11,9 +11,6 @@ import pandas as pd
 
 from grainfall.errors import InputError
 
-VOID = 0
-"""Phase of virtual bodies, and in a library of the shapes of voids."""
-
 GOLDEN = (5**0.5 - 1) / 2
 
 
@@ -205,6 +202,8 @@ def draw_population(mixture: Mixture, library, volume_um3: float, rng: np.random
         if c < len(phases):
             shape[mine] = _shapes(library.table, phases[c], scale[mine], rng)
         elif mixture.void_shapes:
+            from grainfall.grains import VOID  # here: to plan a scene takes no grains
+
             smallest = library.table.loc[library.table["phase"] == VOID, "r2d_um"].min()
             large = mine[scale[mine] >= smallest]
             shape[large] = _shapes(library.table, VOID, scale[large], rng)
@@ -212,7 +211,7 @@ def draw_population(mixture: Mixture, library, volume_um3: float, rng: np.random
     return pd.DataFrame(
         {
             "kind": np.where(virtual, "virtual", "grain"),
-            "phase": np.where(virtual, VOID, np.array([*phases, VOID])[component]),
+            "phase": np.where(virtual, 0, np.array([*phases, 0])[component]),
             "shape": shape,
             "scale": scale,
         }

@@ -293,15 +293,16 @@ def plan_deficit(
         reason,
         possible=(short > 0 or for_tail) and sizes.called_for,
     )
-    shaped = decide(
-        void_shapes,
-        spheres["on"] and tail.exceeds and voids > 0,
-        ("virtual spheres hold" if spheres["on"] else "no virtual spheres hold")
-        + f" voids open, of which the section gives {voids or 'no'} shapes; {tail.words}",
-        possible=spheres["on"] and voids > 0,
-    )
     if void_shapes == "off":  # the default: nobody forced it, and no shapes were looked for
         shaped = {"on": False, "forced": False, "called_for": False, "reason": "runs only where asked for"}
+    else:
+        holding = "virtual spheres hold" if spheres["on"] else "no virtual spheres hold"
+        shaped = decide(
+            void_shapes,
+            spheres["on"] and tail.exceeds and voids > 0,
+            f"{holding} voids open, of which the section gives {voids or 'no'} shapes; {tail.words}",
+            possible=spheres["on"] and voids > 0,
+        )
     return sizes, {
         "porosity_first": float(porosity_first),
         "porosity_target": float(target_porosity),
