@@ -6,12 +6,22 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
+from scipy import ndimage
 
-from grainfall import io
+from grainfall import io, surface
 from grainfall.report.claims import NOT_SHOWN, OPEN, SHOWN, claims, row_of
 from grainfall.report.paper_figures import FIGURES
 from grainfall.report.tables import t_interval
-from grainfall.report.validation import COLUMNS, PAPER, aggregate, berea_slices, describe, slice_porosities
+from grainfall.report.validation import (
+    COLUMNS,
+    PAPER,
+    aggregate,
+    berea_slices,
+    describe,
+    section_surface_ratio,
+    slice_porosities,
+    slice_surfaces,
+)
 from grainfall.report.validation_page import build_validation, cases_in_words
 
 
@@ -101,7 +111,46 @@ def test_slices_of_a_volume():
     assert each[:4].tolist() == [0.8, 0, 0, 0]
     assert each[4:9].tolist() == [0, 0.25, 0.25, 0.25, 0.25]
     assert each[9:] == pytest.approx(0.2)
-    assert {r["quantity"] for r in berea_slices(phase)} == {"porosity_any_slice", "k_any_slice"}
+    assert {r["quantity"] for r in berea_slices(phase)} == {
+        "porosity_any_slice",
+        "k_any_slice",
+        "surface_any_slice",
+        "k_any_slice_surface",
+    }
+
+
+def test_surfaces_of_slices():
+    # plates of 2 voxels, 2 apart: planes along them are of one phase, the others show two faces in 4 voxels
+    phase = np.zeros((16, 8, 8), np.uint8)
+    phase[(np.arange(16) + 1) % 4 < 2] = 1
+    along, *across = np.split(slice_surfaces(phase), [16, 24])
+    assert set(along) == {0.0, np.inf}
+    for planes in across:
+        # crossings 8 of 16 x 8 voxels, 2 / 2 of them, half of the voxels solid
+        assert planes == pytest.approx(8 * 8 / (16 * 8) / 0.5)
+
+
+def test_a_sections_surface_is_held_against_the_truths_own(tmp_path):
+    rng = np.random.default_rng(3)
+    rock = (correlation_field(rng, (80, 80, 80)) > 0.2).astype(np.uint8)
+    plane, voxel = rock[40], 2.0
+    io.write_json(tmp_path / "scene.json", {"voxel_size_um": voxel})
+    io.write_json(tmp_path / "section_surface.json", {"per_um": surface.solid_surface(plane, voxel).per_um})
+    pairs = [np.mean(np.take(rock, range(79), a) & np.take(rock, range(1, 80), a)) for a in range(3)]
+    truth = {"s2": (np.array([0.0, voxel]), np.array([rock.mean(), np.mean(pairs)]))}
+    found = section_surface_ratio(tmp_path, truth)
+    expected = surface.solid_surface(plane, voxel).per_um / surface.solid_surface(rock, voxel).per_um
+    # lines of 80 voxels have 79 steps, which the sections' measure leaves out of account
+    assert found == pytest.approx(expected * 79 / 80, rel=0.005)
+    truth["s2"] = (np.array([0.0, 1.0]), truth["s2"][1])
+    assert section_surface_ratio(tmp_path, truth) is None  # of another spacing
+    assert section_surface_ratio(tmp_path, {}) is None
+
+
+def correlation_field(rng, shape):
+    """A smooth random field of unit variance."""
+    field = ndimage.gaussian_filter(rng.standard_normal(shape), 3, mode="wrap")
+    return field / field.std()
 
 
 def test_every_case_and_figure_has_its_words(root):

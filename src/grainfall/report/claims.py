@@ -211,25 +211,30 @@ def _berea(table: pd.DataFrame) -> list[Claim]:
         None if math.isnan(k["lower"]) else k["lower"] <= aim <= k["upper"]
         for aim in (k["truth"], BEREA_PUBLISHED_MD)
     ]
-    slices = row_of(table, "berea", "section", "k_any_slice")
+    equal = row_of(table, "berea", "full", "k_at_equal_surface")
+    slices = [row_of(table, "berea", "section", q) for q in ("k_any_slice", "k_any_slice_surface")]
     return [
         Claim(
             "berea",
             "From one slice of Berea at the volume's porosity: K of the volume inside the interval",
             "- (the paper's sandstone: 0.92 of its tomogram)",
             f"{interval_words(k)} mD; the volume by the same method {number(k['truth'])}, "
-            f"published mean of its cubes {number(BEREA_PUBLISHED_MD)}",
+            f"published mean of its cubes {number(BEREA_PUBLISHED_MD)}; with what the slices' surfaces "
+            f"are off taken out {_said(equal)} of the volume's",
             OPEN if inside[0] is None else SHOWN if inside[0] and inside[1] else NOT_SHOWN,
         ),
         Claim(
             "berea",
-            "A single slice says what the porosity is",
-            "held at the truth",
+            "A single slice says what porosity and surface are",
+            "porosity held at the truth",
             "not attempted"
-            if slices is None
-            else f"95 % of all slices would put K between {number(slices['lower'])} and "
-            f"{number(slices['upper'])} of the truth's by their porosity alone",
-            OPEN if slices is None else NOT_SHOWN,
+            if None in slices
+            else "95 % of all slices would put K between "
+            + ", ".join(
+                f"{number(row['lower'])} and {number(row['upper'])} of the truth's by their {what} alone"
+                for row, what in zip(slices, ("porosity", "surface"), strict=True)
+            ),
+            OPEN if None in slices else NOT_SHOWN,
         ),
     ]
 

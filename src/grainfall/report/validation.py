@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from grainfall import correlation, io, network
+from grainfall import correlation, io, network, surface
 from grainfall.report.tables import t_interval
 
 COLUMNS = ("case", "variant", "quantity", "unit", "paper", "truth", "mean", "lower", "upper", "n")
@@ -74,6 +74,13 @@ QUANTITIES: dict[str, Quantity] = {
     "k_any_slice": Quantity(
         "K if one slice's porosity were the target, over K (Kozeny-Carman, 2.5 to 97.5 %)"
     ),
+    "surface_section": Quantity("surface of the solid by its volume, the section's over the truth's"),
+    "surface_any_slice": Quantity(
+        "surface of the solid by its volume, one slice's over the volume's, all slices (2.5 to 97.5 %)"
+    ),
+    "k_any_slice_surface": Quantity(
+        "K if one slice's surface were the volume's, over K (Kozeny-Carman, 2.5 to 97.5 %)"
+    ),
     "cement_share": Quantity("cement, share of the volume"),
     "surface_ratio": Quantity("specific surface over the truth's, both from the slope of S₂"),
     "k_md": Quantity("permeability, mean of three axes", "mD"),
@@ -89,6 +96,10 @@ QUANTITIES: dict[str, Quantity] = {
     ),
     "k_at_equal_n": Quantity(
         "permeability over the truth's, both scaled to equally many grains in a volume (size taken out)"
+    ),
+    "k_at_equal_surface": Quantity(
+        "permeability over the truth's, times the square of the section's surface over the truth's (what the "
+        "section shows too much or too little of taken out, Kozeny-Carman)"
     ),
     "n_ratio": Quantity("grains in a volume over the truth's"),
     "r_mean_ratio": Quantity("mean 3D grain radius over the truth's"),
@@ -152,9 +163,10 @@ def gather(results: str | Path, cases: Mapping[str, Mapping]) -> pd.DataFrame:
             if not twins:
                 continue
             held = twins[0][2]["porosity"][1]
+            seen = section_surface_ratio(root / sample / twins[0][0], truth)
             twins += [
                 ("truth", -1, _of_truth(truth, held)),
-                ("section", -1, _of_section(root / sample, held)),
+                ("section", -1, _of_section(root / sample, held, seen)),
             ]
             if (root / sample / "tomogram/reference_flow.csv").exists():
                 twins.append(("tomogram", -1, _of_tomogram(root / sample)))
@@ -256,6 +268,28 @@ def _surface_ratio(metrics: Mapping, truth: Mapping) -> float | None:
     return None if pd.isna(own) or "s2" not in truth else own / correlation.specific_surface(*truth["s2"])
 
 
+def section_surface_ratio(variant: Path, truth: Mapping) -> float | None:
+    """Surface of the solid by its volume, a section's over the truth's, where both are seen on one spacing.
+
+    The truth's by the first step of its S2, which is the share of neighbouring voxels that differ: as a
+    section's by the crossings of its lines (:func:`grainfall.surface.specific_surface`).
+
+    Parameters
+    ----------
+    variant : path
+        Folder with section_surface.json and scene.json.
+    truth : mapping
+        ``s2``: (lags, values) of the solid, mean of the axes.
+    """
+    if "s2" not in truth:
+        return None
+    lags, s2 = truth["s2"]
+    if not np.isclose(lags[1], io.read_json(variant / "scene.json")["voxel_size_um"]):
+        return None
+    own = io.read_json(variant / "section_surface.json")["per_um"]
+    return own / (4 * (s2[0] - s2[1]) / lags[1] / s2[0])
+
+
 def _s2_gap(curve: tuple, truth: Mapping) -> tuple:
     if "s2" not in truth:
         return (None, None)
@@ -272,6 +306,7 @@ def _of_twin(folder: Path, truth: Mapping, sample: str) -> dict[str, tuple]:
     # a target that was held is the truth's; one that the section gave is to be judged by it
     held = truth.get("porosity", target) if scene["porosity_source"].startswith("areal") else target
     k, k_ref = _k(folder / "flow.csv"), truth.get("k", {})
+    k_ratio, seen = k["md"] / k_ref["md"] if k_ref else None, section_surface_ratio(folder.parent, truth)
     found: dict[str, tuple] = {
         "porosity": (metrics["porosity"], held),
         "porosity_first": (metrics["porosity_first"], None),
@@ -279,7 +314,9 @@ def _of_twin(folder: Path, truth: Mapping, sample: str) -> dict[str, tuple]:
         "cement_share": (metrics.get("cement_share"), None),
         "surface_ratio": (_surface_ratio(metrics, truth), 1.0),
         **{f"k_{axis}": (k[axis], k_ref.get(axis)) for axis in k},
-        "k_ratio": (k["md"] / k_ref["md"] if k_ref else None, 1.0),
+        "k_ratio": (k_ratio, 1.0),
+        # at one porosity K goes as the inverse square of the solid's surface by its volume
+        "k_at_equal_surface": (k_ratio and seen and k_ratio * seen**2, 1.0),
         "s2_gap": _s2_gap(radial(folder / "s2_volume.csv"), truth),
         "s2_envelope_p": (metrics.get("s2_envelope_p"), None),
         **_pore_figures(network_sizes(folder / "network"), truth),
@@ -299,7 +336,7 @@ def _of_twin(folder: Path, truth: Mapping, sample: str) -> dict[str, tuple]:
         n_ratio = n / (len(truth["grains"]) / box)
         found |= {
             "n_ratio": (n_ratio, 1.0),
-            "k_at_equal_n": (k["md"] / k_ref["md"] * n_ratio ** (2 / 3), 1.0),
+            "k_at_equal_n": (k_ratio * n_ratio ** (2 / 3), 1.0),
         }
     return found
 
@@ -332,8 +369,11 @@ def _of_truth(truth: Mapping, held: float) -> dict[str, tuple]:
     }
 
 
-def _of_section(sample: Path, held: float) -> dict[str, tuple]:
-    return {"porosity_section": (io.read_json(sample / "section.json")["porosity"], held)}
+def _of_section(sample: Path, held: float, seen: float | None) -> dict[str, tuple]:
+    return {
+        "porosity_section": (io.read_json(sample / "section.json")["porosity"], held),
+        "surface_section": (seen, 1.0),
+    }
 
 
 def _of_tomogram(sample: Path) -> dict[str, tuple]:
@@ -382,6 +422,17 @@ def slice_porosities(phase: np.ndarray) -> np.ndarray:
     return np.concatenate([pore.mean(axis=tuple(a for a in range(3) if a != axis)) for axis in range(3)])
 
 
+def slice_surfaces(phase: np.ndarray) -> np.ndarray:
+    """Surface of the solid by its volume, by 1 / voxel, of every plane of a volume, along its three axes."""
+    return np.array(
+        [
+            surface.solid_surface(plane, 1.0).per_um
+            for axis in range(3)
+            for plane in np.moveaxis(phase, axis, 0)
+        ]
+    )
+
+
 # ---- the table
 
 
@@ -422,8 +473,10 @@ def aggregate(figures: pd.DataFrame) -> pd.DataFrame:
 
 
 def berea_slices(phase: np.ndarray) -> list[dict]:
-    """Rows of the table: what one slice's porosity would do, from all slices of the volume."""
+    """Rows of the table: what one slice's porosity or surface would do, from all slices of the volume."""
     each, whole = slice_porosities(phase), float((phase == 0).mean())
+    shown = slice_surfaces(phase) / surface.solid_surface(phase, 1.0).per_um
+    shown = shown[np.isfinite(shown) & (shown > 0)]  # a plane of one phase has no surface to go by
 
     def carman(porosity):
         return porosity**3 / (1 - porosity) ** 2
@@ -432,6 +485,8 @@ def berea_slices(phase: np.ndarray) -> list[dict]:
     for quantity, values, truth in (
         ("porosity_any_slice", each, whole),
         ("k_any_slice", carman(each) / carman(whole), 1.0),
+        ("surface_any_slice", shown, 1.0),
+        ("k_any_slice_surface", shown**-2, 1.0),
     ):
         lower, upper = np.quantile(values, [0.025, 0.975])
         rows.append(
