@@ -56,6 +56,7 @@ with stage(snakemake) as progress, io.open_volume(snakemake.input.twin, "phase")
             solid_surface(core(phase), scene["voxel_size_um"]),
             SolidSurface(**io.read_json(files.section_surface)),
         ),
+        **report.sampling_values(section, scene["porosity_source"]),
         **report.section_comparison(
             table("section_grains"),
             table("section_pores"),

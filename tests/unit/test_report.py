@@ -28,6 +28,7 @@ from grainfall.report import (
     paired_differences,
     phase_values,
     read_costs,
+    sampling_values,
     save_figure,
     section_comparison,
     summary_row,
@@ -37,7 +38,8 @@ from grainfall.report import (
     verdict,
     view3d,
 )
-from grainfall.surface import SolidSurface
+from grainfall.report.tables import headline
+from grainfall.surface import SolidSurface, sampling_errors
 
 PIXEL = 2.0
 PHASES = ["pore", "quartz", "feldspar <b>"]
@@ -579,6 +581,23 @@ def test_a_twin_is_held_to_the_surface_of_its_section():
     assert [v.status for v in judge(metrics_table(near))] == ["met"]
     none = SolidSurface(np.inf, np.inf)
     assert surface_values(none, none) == surface_values(SolidSurface(0.1, 0.1), none)
+
+
+def test_what_the_section_leaves_open_is_said():
+    rng = np.random.default_rng(0)
+    phase = (rng.random((200, 200)) > 0.3).astype(np.uint8)
+    errors = sampling_errors(phase)
+    own, given = (sampling_values(phase, source) for source in ("areal of the section", "given"))
+    assert (own["k_sampling_error"], own["porosity_sampling_error"]) == (errors.k, errors.porosity)
+    assert given == {"k_sampling_error": errors.k_at_porosity, "porosity_sampling_error": None}
+    said = [headline([metrics_table(values)])[-1] for values in (own, given)]
+    assert all(
+        f"K by a factor of {f:.3g} either way" in s
+        for f, s in zip((np.exp(2 * errors.k), np.exp(2 * errors.k_at_porosity)), said, strict=True)
+    )
+    assert [f"porosity by {2 * errors.porosity:.2g}" in s for s in said] == [True, False]
+    blank = sampling_values(np.ones((9, 9), np.uint8), "given")
+    assert headline([metrics_table(blank)]) == []
 
 
 def test_judgements_in_plain_words():

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 import scipy  # its stats take half a second to load, and do so when they are first used
 
-from grainfall.surface import SolidSurface, ratio_of_sums
+from grainfall.surface import SolidSurface, left_open, ratio_of_sums, sampling_errors
 
 SUMMARY_COLUMNS = (
     "sample", "variant", "realization", "engine", "n_grains", "voxel_size_um",
@@ -98,6 +98,10 @@ METRICS: dict[str, Metric] = {
     "specific_surface_per_um": Metric("specific surface from the slope of S₂", "1/µm", "s2_volume.csv"),
     "porosity_ref": Metric("porosity of the 3D reference", source="reference_s2.csv"),
     "specific_surface_ref_per_um": Metric("specific surface of the 3D reference", "1/µm", "reference_s2.csv"),
+    "porosity_sampling_error": Metric("standard error of the section's porosity by its own sampling",
+                                      source="section"),
+    "k_sampling_error": Metric("standard error of ln K by the section's own sampling (Kozeny-Carman)",
+                               source="section"),
     "accuracy_error": Metric("error in what accuracy asks for", source="config"),
     "wall_s": Metric("wall time of the realization", "s", "benchmarks"),
     "peak_rss_mb": Metric("peak memory of its largest job", "MB", "benchmarks"),
@@ -418,6 +422,23 @@ def surface_values(twin: SolidSurface, section: SolidSurface) -> dict[str, objec
     return {"solid_surface_per_um": twin.per_um, "solid_surface_per_um_target": target}
 
 
+def sampling_values(section_phase: np.ndarray, porosity_source: str) -> dict[str, object]:
+    """What the section itself leaves open, however good the twins are.
+
+    Parameters
+    ----------
+    section_phase : ndarray of uint8, (y, x)
+    porosity_source : str
+        As in scene.json: a porosity that was given is not the section's to be uncertain of.
+    """
+    errors = sampling_errors(section_phase)
+    areal = porosity_source.startswith("areal")
+    return {
+        "porosity_sampling_error": errors.porosity if areal else None,
+        "k_sampling_error": errors.k if areal else errors.k_at_porosity,
+    }
+
+
 NETWORK_METRICS = {
     "throat_radius_um": "w1_network_throats_um",
     "coordination": "w1_network_coordination",
@@ -627,6 +648,8 @@ def headline(tables: Sequence[pd.DataFrame]) -> list[str]:
                 against += f" (the reference is {number(of('porosity_ref'))} porous)"
         blocked = "" if all(k) else " (0: nothing percolates)"
         said.append(f"Permeability along x, y, z is {', '.join(map(number, k))} mD{blocked}{against}.")
+    if of("k_sampling_error") is not None:
+        said.append(f"{left_open(of('k_sampling_error'), of('porosity_sampling_error'))}.")
     inside, p = of("s2_inside_envelope"), of("s2_envelope_p")
     if inside is not None:
         said.append(
