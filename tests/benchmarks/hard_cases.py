@@ -1,9 +1,9 @@
 """Scenes that are hard on a packing, in both engines, against the verdicts written down before they ran.
 
-    python tests/benchmarks/hard_cases.py [--size full] [--only NAME ...] [--engine physx] [--out FILE]
+    python tests/benchmarks/hard_cases.py [--size full] [--only NAME ...] [--engine physx] [--jobs 2]
 
 Hours at full size: a table that is there already is gone on with (remove it to begin anew), and what
-``--only`` names is run anew.
+``--only`` names is run anew. Rows are in the order of the scenes, whatever finishes first.
 
 Columns: scene, engine (- where none takes part), expected, verdict (works, refused, fails), overlap (largest,
 collision shapes, radii of the smaller grain), escaped (bodies), asleep (fraction), steps, wall_s.
@@ -12,7 +12,9 @@ collision shapes, radii of the smaller grain), escaped (bodies), asleep (fractio
 from __future__ import annotations
 
 import argparse
+import os
 import sys
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
 import pandas as pd
@@ -33,26 +35,37 @@ def main() -> None:
     options.add_argument(
         "--out", type=Path, help="results/benchmarks/hard_cases.csv or hard_cases_reduced.csv"
     )
+    options.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)), help="runs at a time")
     given = options.parse_args()
     suffix = "" if given.size == "full" else "_reduced"
     given.out = given.out or Path(f"results/benchmarks/hard_cases{suffix}.csv")
-    table = io.read_table(given.out) if given.out.exists() else pd.DataFrame(columns=hard_scenes.COLUMNS)
-    for scene in hard_scenes.scenes(given.size):
-        for engine in hard_scenes.engines(scene):
-            known = (table["scene"] == scene["scene"]) & (table["engine"] == engine)
-            left_out = given.only and scene["scene"] not in given.only
-            if left_out or given.engine not in (None, engine) or (known.any() and not given.only):
-                continue
-            row = hard_scenes.run(scene, engine)
+    runs = [(s, engine) for s in hard_scenes.scenes(given.size) for engine in hard_scenes.engines(s)]
+    order = {(scene["scene"], engine): n for n, (scene, engine) in enumerate(runs)}
+    rows = {}
+    if given.out.exists():
+        known = io.read_table(given.out)
+        rows = {(row["scene"], row["engine"]): row for row in known.to_dict("records")}
+
+    def wanted(scene: str, engine: str) -> bool:
+        if given.engine not in (None, engine):
+            return False
+        return scene in given.only if given.only else (scene, engine) not in rows
+
+    with ProcessPoolExecutor(given.jobs) as pool:
+        begun = [pool.submit(hard_scenes.run, s, engine) for s, engine in runs if wanted(s["scene"], engine)]
+        for run in as_completed(begun):
+            row = run.result()
             print(
-                f"{row['scene']:32} {engine:6} {row['expected']:8} {row['verdict']:8} "
+                f"{row['scene']:32} {row['engine']:6} {row['expected']:8} {row['verdict']:8} "
                 f"{_text(row['overlap'], '.4f')} {_text(row['escaped'], 'd')} {_text(row['asleep'], '.3f')} "
                 f"{row['steps']:6d} {row['wall_s']:7.1f} s  {row['why']}",
                 flush=True,
             )
-            rows = [*table[~known].to_dict("records"), row]
-            table = pd.DataFrame(rows, columns=hard_scenes.COLUMNS)
+            rows[row["scene"], row["engine"]] = row
+            listed = sorted(rows, key=lambda of: order.get(of, len(order)))
+            table = pd.DataFrame([rows[of] for of in listed], columns=hard_scenes.COLUMNS)
             io.write_table(given.out, table)
+    table = pd.DataFrame(rows.values(), columns=hard_scenes.COLUMNS)
     unexpected = int((table["verdict"] != table["expected"]).sum())
     print(f"{len(table)} runs, {unexpected} not as expected")
     sys.exit(unexpected > 0)
