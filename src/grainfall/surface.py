@@ -136,9 +136,9 @@ def sampling_errors(phase: np.ndarray) -> SamplingErrors:
 
 def left_open(k: float, porosity: float | None = None) -> str:
     """What one section leaves open, in words: twice the standard errors of ln K and of the porosity."""
-    of_porosity = "" if porosity is None else f"the rock's porosity by {2 * porosity:.2g} either way and "
+    of_porosity = "" if porosity is None else f", and the rock's porosity by {2 * porosity:.2g}"
     return (
-        f"One section like this leaves {of_porosity}K by a factor of {np.exp(2 * k):.3g} either way (two "
+        f"One section like this leaves K open by a factor of {np.exp(2 * k):.3g} either way{of_porosity} (two "
         "standard errors of its own sampling, Kozeny-Carman), whatever is built from it"
     )
 

@@ -592,7 +592,7 @@ def test_what_the_section_leaves_open_is_said():
     assert given == {"k_sampling_error": errors.k_at_porosity, "porosity_sampling_error": None}
     said = [headline([metrics_table(values)])[-1] for values in (own, given)]
     assert all(
-        f"K by a factor of {f:.3g} either way" in s
+        f"K open by a factor of {f:.3g} either way" in s
         for f, s in zip((np.exp(2 * errors.k), np.exp(2 * errors.k_at_porosity)), said, strict=True)
     )
     assert [f"porosity by {2 * errors.porosity:.2g}" in s for s in said] == [True, False]
