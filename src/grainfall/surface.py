@@ -138,8 +138,8 @@ def left_open(k: float, porosity: float | None = None) -> str:
     """What one section leaves open, in words: twice the standard errors of ln K and of the porosity."""
     of_porosity = "" if porosity is None else f", and the rock's porosity by {2 * porosity:.2g}"
     return (
-        f"One section like this leaves K open by a factor of {np.exp(2 * k):.3g} either way{of_porosity} (two "
-        "standard errors of its own sampling, Kozeny-Carman), whatever is built from it"
+        f"One section like this leaves K open by a factor of {np.exp(2 * k):.3g} either way{of_porosity} "
+        "(two standard errors of its own sampling, Kozeny-Carman), whatever is built from it"
     )
 
 
