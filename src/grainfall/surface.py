@@ -123,14 +123,14 @@ def sampling_errors(phase: np.ndarray) -> SamplingErrors:
     solid = np.asarray(phase) > 0
     faces, grain = _by_cells(_crossings(solid), TILES), _by_cells(solid, TILES)
     area = _by_cells(np.ones(solid.shape, np.uint8), TILES)
-    pore, crossed = area - grain, faces.sum()
-    if not (pore.sum() and crossed):
+    pore = area - grain
+    if not (pore.any() and faces.any()):
         return SamplingErrors(np.nan, np.nan, np.nan)
-    pores, surface = pore / pore.sum(), faces / crossed
+    pores, crossings, solids, whole = (tiles / tiles.sum() for tiles in (pore, faces, grain, area))
     return SamplingErrors(
         float(ratio_of_sums(pore, area)[1]),
-        _error_of_sum(3 * pores - 2 * surface - area / area.sum()),
-        _error_of_sum(2 * (grain / grain.sum() - surface)),
+        float(ratio_of_sums(3 * pores - 2 * crossings, whole)[1]),
+        float(2 * ratio_of_sums(crossings, solids)[1]),
     )
 
 
@@ -141,11 +141,6 @@ def left_open(k: float, porosity: float | None = None) -> str:
         f"One section like this leaves K open by a factor of {np.exp(2 * k):.3g} either way{of_porosity} "
         "(two standard errors of its own sampling, Kozeny-Carman), whatever is built from it"
     )
-
-
-def _error_of_sum(parts: np.ndarray) -> float:
-    """Standard error of the sum of parts about their mean, (n,) by tiles."""
-    return float(np.sqrt(len(parts) / max(1, len(parts) - 1) * ((parts - parts.mean()) ** 2).sum()))
 
 
 def ratio_of_sums(part: np.ndarray, whole: np.ndarray) -> tuple[float, float]:

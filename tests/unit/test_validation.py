@@ -132,7 +132,7 @@ def test_surfaces_of_slices():
 
 def test_a_sections_surface_is_held_against_the_truths_own(tmp_path):
     rng = np.random.default_rng(3)
-    rock = (correlation_field(rng, (80, 80, 80)) > 0.2).astype(np.uint8)
+    rock = (smooth_field(rng, (80, 80, 80)) > 0.2).astype(np.uint8)
     plane, voxel = rock[40], 2.0
     io.write_json(tmp_path / "scene.json", {"voxel_size_um": voxel})
     io.write_json(tmp_path / "section_surface.json", {"per_um": surface.solid_surface(plane, voxel).per_um})
@@ -147,7 +147,7 @@ def test_a_sections_surface_is_held_against_the_truths_own(tmp_path):
     assert section_surface_ratio(tmp_path, {}) is None
 
 
-def correlation_field(rng, shape):
+def smooth_field(rng, shape):
     """A smooth random field of unit variance."""
     field = ndimage.gaussian_filter(rng.standard_normal(shape), 3, mode="wrap")
     return field / field.std()
