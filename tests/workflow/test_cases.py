@@ -61,6 +61,8 @@ def test_a_truth_is_the_mean_of_its_cubes_and_a_tomogram_is_held_against_its_own
     assert table.loc[("xct", "truth", "k_md"), "mean"] == pytest.approx(both)
     full = table.loc[("xct", "full")]
     assert full.loc["k_ratio", "mean"] == pytest.approx(full.loc["k_md", "mean"] / both)
+    seen = table.loc[("xct", "section", "surface_section"), "mean"]
+    assert full.loc["k_at_equal_surface", "mean"] == pytest.approx(full.loc["k_ratio", "mean"] * seen**2)
     assert table.loc[("xct", "tomogram", "k_md"), "truth"] == pytest.approx(one)
 
 
