@@ -14,7 +14,7 @@ with stage(snakemake) as progress:
     for name, entry in FIGURES.items():
         progress(name)
         figures[name] = entry.draw(cases) or note_figure(
-            f"{name.replace('_', ' ')}: the case behind this figure has no finished twin yet"
+            f"{name.replace('_', ' ')}: what this figure shows is not among the results"
         )
     for path in map(Path, snakemake.output):
         save_figure(figures[path.stem], path)

@@ -3,9 +3,9 @@
 from _stage import stage
 
 from grainfall import io
-from grainfall.report.validation import COLUMNS, validation_table
+from grainfall.report.validation import validation_table
 
 with stage(snakemake) as progress:
     table = validation_table("results", snakemake.params.cases)
-    io.write_table(snakemake.output.table, table[list(COLUMNS)])
+    io.write_table(snakemake.output.table, table)
     progress.say(f"{len(table)} rows of {table['case'].nunique()} cases")

@@ -25,7 +25,7 @@ class Metric:
 
 METRICS: dict[str, Metric] = {
     "porosity": Metric("porosity", "difference"),
-    "grain_sizes": Metric("grain radii", "Wasserstein distance by pore volume over the mean radius"),
+    "grain_sizes": Metric("grain radii", "Wasserstein distance by number over the mean radius"),
     "pore_sizes": Metric("pore radii", "Wasserstein distance by pore volume over the mean radius"),
     "s2": Metric("S₂", "largest difference"),
     "coordination": Metric("coordination", "relative difference"),

@@ -325,3 +325,10 @@ class TestTheStudy:
         sweep = {"packing": {"base": ["finest"]}, "against": "finest", "presets": [], "known": {}}
         figure = accuracy_figure(accuracy.summarise(only), sweep)
         assert figure.subfigs[0].axes[0].get_ylim()[0] == 0
+
+    def test_a_knob_that_is_never_off_says_so(self):
+        rows = repeats({"network": [0.0, 0.0]}, {"network": 1.0})
+        rows = rows.assign(scene="flow_tier", knob="flow_tier", against="truth")
+        figure = accuracy_figure(accuracy.summarise(rows), {"against": "finest", "known": {"flow_tier": []}})
+        said = [text.get_text() for part in figure.subfigs for axis in part.axes for text in axis.texts]
+        assert said == ["no setting is off"]

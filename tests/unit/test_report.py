@@ -38,6 +38,7 @@ from grainfall.report import (
     verdict,
     view3d,
 )
+from grainfall.report.html import Results, drawn_grains
 from grainfall.report.tables import headline
 from grainfall.surface import SolidSurface, sampling_errors
 
@@ -157,6 +158,7 @@ def make_sample(root: Path, name="demo", variants=("full", "bullet"), realizatio
             io.write_volume(twin / "second" / "volume.zarr.zip", {"phase": spheres}, PIXEL)
             io.write_json(twin / "first" / "packing.json", {"steps": 900, "unit_um": 12.5})
             io.write_json(twin / "second" / "packing.json", {"steps": 1200, "p_sp": 0.12, "passes": []})
+            io.write_json(twin / "cement.json", {"room": 1.0, "compaction": {"factor": 1.0}})
             io.write_json(
                 twin / "plan.json",
                 {"virtual_spheres": {"on": True, "forced": False, "reason": "porosity 0.36 < 0.40",
@@ -330,7 +332,7 @@ def test_page_says_every_metric_and_what_missed(page, tree):
             assert name in text
     assert "porosity 0.371 misses 0.309: target not reachable by this plan, nearest 0.371" in text
     assert "nothing flows through the twin" in text
-    assert "(in 2 of 2 realizations)" in text
+    assert "(realization 0; 2 of 2 miss)" in text
     assert "porosity 0.36 < 0.40" in text
     assert "s2_slices" in text
     assert "12.5 µm, so that a grain is of order 1" in text
@@ -868,3 +870,13 @@ def test_sizes_left_over_count_as_used_only_where_spheres_were_poured(p_sp, show
     names = [text.get_text() for text in drawn.legends[0].get_texts()]
     assert any(name.startswith("used") for name in names) == shown
     assert any(text.get_text() == "none called for" for text in drawn.axes[1].texts) != shown
+
+
+def test_grains_are_held_against_the_section_as_large_as_they_were_drawn(tmp_path):
+    root = make_sample(tmp_path, variants=("full",), realizations=1)
+    twin = root / "demo/full/0"
+    before = drawn_grains(Results(root, "demo", "full", 0))
+    assert 0 < len(before) < 40  # some lie in the margin
+    io.write_json(twin / "cement.json", {"room": 0.9, "compaction": {"factor": 1.2}})
+    after = drawn_grains(Results(root, "demo", "full", 0))
+    assert after["scale"].to_numpy() == pytest.approx(before["scale"].to_numpy() / 1.08)

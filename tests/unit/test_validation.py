@@ -9,12 +9,15 @@ import yaml
 from scipy import ndimage
 
 from grainfall import io, surface
+from grainfall.report import save_figure
 from grainfall.report.claims import NOT_SHOWN, OPEN, SHOWN, claims, row_of
+from grainfall.report.figures import note_figure
 from grainfall.report.paper_figures import FIGURES
 from grainfall.report.tables import t_interval
 from grainfall.report.validation import (
     COLUMNS,
     PAPER,
+    _nearer,
     aggregate,
     berea_slices,
     describe,
@@ -37,19 +40,38 @@ def figures(values, case="stereology", variant="full", quantity="k_ratio", truth
     )
 
 
-def test_interval_is_over_truths_where_there_are_several():
-    """Many twins of two truths are two independent things, not many."""
-    own = {"a": [1.0, 1.02, 0.98], "b": [1.4, 1.38, 1.42]}
+def test_interval_is_over_sections_where_there_are_several():
+    """Many twins of two sections are two independent things, not many."""
+    own = {"a": [1.0, 1.02, 0.98], "b": [1.1, 1.08, 1.12]}
     row = aggregate(figures(own)).iloc[0]
-    _, mean, lower, upper = t_interval(np.array([1.0, 1.4]))
+    _, mean, lower, upper = t_interval(np.array([1.0, 1.1]))
     assert (row["mean"], row["lower"], row["upper"]) == pytest.approx((mean, lower, upper))
-    assert (row["n"], row["truths"]) == (6, 2)
+    assert (row["n"], row["sections"]) == (6, 2)
 
 
-def test_a_single_truth_has_the_interval_of_its_twins_and_a_single_twin_none():
+def test_a_single_section_has_the_interval_of_its_twins_and_a_single_twin_none():
     row = aggregate(figures({"a": [1.0, 1.2, 1.1]})).iloc[0]
     assert row["lower"] < 1.1 < row["upper"]
     assert aggregate(figures({"a": [1.0]})).iloc[0][["lower", "upper"]].isna().all()
+
+
+def test_sections_of_one_volume_share_its_truth():
+    row = aggregate(figures({"x": [1502.0], "y": [1502.0]}, "berea", "truth", "k_md")).iloc[0]
+    assert (row["mean"], row["n"], row["sections"]) == (1502, 1, 1)
+    assert math.isnan(row["lower"])
+
+
+def test_what_cannot_be_negative_has_no_negative_bounds():
+    share = figures({"a": [0.0], "b": [0.01], "c": [0.0]}, quantity="cement_share")
+    assert aggregate(share).iloc[0]["lower"] == 0
+    assert aggregate(share.assign(quantity="w1_f3d_nearer")).iloc[0]["lower"] < 0
+    p = aggregate(figures({"a": [0.2, 0.2], "b": [0.9, 0.9]}, quantity="s2_envelope_p")).iloc[0]
+    assert (p["lower"], p["upper"]) == (0.2, 0.9)
+
+
+def test_what_was_not_measured_counts_for_nothing():
+    row = aggregate(figures({"a": [1.0, math.nan, 1.2]})).iloc[0]
+    assert (row["mean"], row["n"]) == (pytest.approx(1.1), 2)
 
 
 def test_a_miss_is_the_largest_one():
@@ -68,9 +90,7 @@ def test_paper_numbers_stand_beside_their_own_quantity():
 
 
 def verdict(values, **over):
-    return next(
-        c for c in claims(aggregate(figures(values, **over))) if c.claim.startswith("With the inversion")
-    )
+    return next(c for c in claims(aggregate(figures(values))) if c.claim.startswith("With the inversion"))
 
 
 @pytest.mark.parametrize(
@@ -90,17 +110,52 @@ def test_nothing_finished_is_open():
     assert {c.status for c in claims(aggregate(figures({})))} == {OPEN}
 
 
-def test_twin_and_tomogram_are_told_apart_only_by_disjoint_intervals():
-    def judged(twin, scan):
-        both = [
-            figures({"a": [twin[0]], "b": [twin[1]]}, case="xct", quantity="s2_gap", truth=0.0),
-            figures({"a": [scan[0]], "b": [scan[1]]}, "xct", "tomogram", "s2_gap", 0.0),
-        ]
-        return next(c for c in claims(aggregate(pd.concat(both))) if "S₂" in c.claim).status
+def test_nearer_is_said_of_paired_differences():
+    """Each section's twins against its own tomogram, or against its own twins of the same numbers."""
 
-    assert judged((0.0100, 0.0101), (0.0200, 0.0201)) == SHOWN
-    assert judged((0.0200, 0.0201), (0.0100, 0.0101)) == NOT_SHOWN
-    assert judged((0.01, 0.03), (0.02, 0.04)) == OPEN
+    def twins(full, other, variant="tomogram", realizations=(-1,)):
+        rows = [("full", n, {"k_ratio": (value, 1.0)}) for n, value in enumerate(full)]
+        return rows + [(variant, n, {"k_ratio": (v, 1.0)}) for n, v in zip(realizations, other, strict=True)]
+
+    def difference(*arguments):
+        return [(row[2], row[4], pytest.approx(row[5])) for row in _nearer("xct", "a", twins(*arguments))]
+
+    # the mean of the twins is what a user takes, so 0.9 and 1.1 are right together
+    assert difference([0.9, 1.1], [1.13]) == [("tomogram", "k_ratio_nearer", 0.13)]
+    # realization 1 has no partner
+    assert difference([0.9, 2.0], [0.8], "touching", (0,)) == [("touching", "k_ratio_nearer", 0.1)]
+    assert difference([0.9], [], "touching", ()) == []
+    assert difference([None], [1.1]) == []
+
+
+@pytest.mark.parametrize(
+    ("by", "status"),
+    [
+        ({"a": [0.03], "b": [0.035], "c": [0.032]}, SHOWN),
+        ({"a": [-0.03], "b": [-0.035], "c": [-0.032]}, NOT_SHOWN),
+        ({"a": [0.03], "b": [-0.02], "c": [0.01]}, OPEN),
+        ({"a": [0.03]}, OPEN),  # a single section shows nothing
+    ],
+)
+def test_twin_and_tomogram_are_told_apart_by_the_whole_interval(by, status):
+    table = aggregate(figures(by, "xct", "tomogram", "k_ratio_nearer", 0.0))
+    assert next(c for c in claims(table) if c.claim.startswith("By K")).status == status
+
+
+@pytest.mark.parametrize(("half", "status"), [(0.01, SHOWN), (0.2, OPEN), (2.0, OPEN)])
+def test_a_wide_interval_about_bereas_k_shows_nothing(half, status):
+    own = figures({"x": [1.02 - half], "y": [1.02], "z": [1.02 + half]}, "berea")
+    assert next(c for c in claims(aggregate(own)) if c.case == "berea").status == status
+
+
+@pytest.mark.parametrize(("spread", "status"), [(0.05, SHOWN), (0.5, NOT_SHOWN)])
+def test_what_one_slice_says_is_judged_by_all_slices(spread, status):
+    row = {"mean": 1.0, "lower": 1 - spread, "upper": 1 + spread, "n": 9, "sections": 9, "truth": 1.0}
+    rows = [
+        {"case": "berea", "variant": "section", "quantity": q, **row}
+        for q in ("k_any_slice", "k_any_slice_surface")
+    ]
+    assert next(c for c in claims(pd.DataFrame(rows)) if "single slice" in c.claim).status == status
 
 
 def test_slices_of_a_volume():
@@ -182,21 +237,22 @@ def test_the_size_bias_is_judged_by_intervals():
     assert judged({"a": [0.8], "b": [0.81]}).ours.endswith("n = 2 of each")
 
 
-@pytest.mark.parametrize(("k", "status"), [(0.95, SHOWN), (0.8, NOT_SHOWN)])
-def test_closed_contacts_are_judged_against_points(k, status):
-    rows = [
-        figures({"a": [value]}, "virtual_spheres", variant, quantity)
-        for variant, quantity, value in (
-            ("full", "k_ratio", k),
-            ("touching", "k_ratio", 0.85),
-            ("full", "surface_ratio", 1.01),
-            ("touching", "surface_ratio", 1.1),
-        )
+@pytest.mark.parametrize(("by", "status"), [(0.05, SHOWN), (-0.05, NOT_SHOWN), (0.0, OPEN)])
+def test_closed_contacts_are_judged_against_points(by, status):
+    def rows(variant, quantity, value):
+        own = {s: [value + d] for s, d in zip("abc", (-0.01, 0, 0.01), strict=True)}
+        return figures(own, "virtual_spheres", variant, quantity)
+
+    every = [
+        rows("full", "k_ratio", 0.95),
+        rows("full", "surface_ratio", 1.01),
+        rows("touching", "surface_ratio_nearer", 0.09),
+        rows("touching", "k_ratio_nearer", by),
     ]
-    (claim,) = (c for c in claims(aggregate(pd.concat(rows))) if c.claim.startswith("Rims"))
+    (claim,) = (c for c in claims(aggregate(pd.concat(every))) if c.claim.startswith("Rims"))
     assert claim.status == status
     assert "surface 1.01" in claim.ours
-    assert not any(c.claim.startswith("Rims") for c in claims(aggregate(pd.concat(rows[:3]))))
+    assert not any(c.claim.startswith("Rims") for c in claims(aggregate(pd.concat(every[:3]))))
 
 
 def test_the_page_shows_the_benchmarks_whose_tables_are_there(tmp_path):
@@ -218,23 +274,32 @@ def test_the_page_shows_the_benchmarks_whose_tables_are_there(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("k", "tail", "statuses"), [(1.02, 48.0, [SHOWN, SHOWN]), (0.8, 60.0, [NOT_SHOWN, NOT_SHOWN])]
+    ("k", "tail", "statuses"), [(1.02, 1.03, [SHOWN, SHOWN]), (0.8, 1.3, [NOT_SHOWN, NOT_SHOWN])]
 )
 def test_shapes_of_voids_are_judged_where_they_were_tried(k, tail, statuses):
-    def over_truths(value, *where, truth=1.0):
-        return figures({s: [value + d] for s, d in zip("abc", (-0.01, 0, 0.01), strict=True)}, *where, truth)
+    def over_truths(value, *where):
+        return figures({s: [value + d] for s, d in zip("abc", (-0.01, 0, 0.01), strict=True)}, *where)
 
     case = "virtual_spheres_deep"
     rows = [
         over_truths(1e-5, case, "full", "porosity_miss"),
         over_truths(0.87, case, "full", "k_ratio"),
-        over_truths(60.0, case, "full", "pore_r95_um", truth=46.5),
+        over_truths(1.3, case, "full", "pore_r95_ratio"),
     ]
     shaped = [
         over_truths(k, case, "voids", "k_ratio"),
-        over_truths(tail, case, "voids", "pore_r95_um", truth=46.5),
+        over_truths(tail, case, "voids", "pore_r95_ratio"),
     ]
     found = [c for c in claims(aggregate(pd.concat(rows + shaped))) if "shapes" in c.claim]
     assert [c.status for c in found] == statuses
     assert "as spheres 0.87" in found[0].ours
     assert not any("shapes" in c.claim for c in claims(aggregate(pd.concat(rows))))
+
+
+def test_a_note_in_place_of_a_figure_is_said_and_not_shown(tmp_path):
+    save_figure(note_figure("nothing here"), tmp_path / "sample2.svg")
+    table = aggregate(figures({"a": [1.0]}, case="virtual_spheres"))
+    build_validation(tmp_path, table, tmp_path / "page.html", {"sample2": tmp_path / "sample2.svg"})
+    page = (tmp_path / "page.html").read_text()
+    assert "Figure “sample2”: what it shows is not among the results." in page
+    assert "<img" not in page

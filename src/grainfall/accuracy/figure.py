@@ -190,7 +190,11 @@ def _preset_panel(axis, table: pd.DataFrame, metric: str) -> None:
 
 
 def _known_panel(axis, table: pd.DataFrame, knob: str) -> None:
+    axis.set_title(TITLES[knob], fontsize=8)
     rows = table[(table["scene"] == knob) & ~(table["error"] <= 0)]
+    if rows["error"].isna().all():
+        axis.text(0.5, 0.5, "no setting is off", transform=axis.transAxes, ha="center", fontsize=7)
+        return
     floor = 0.5 * rows["error"].min()
     for metric in _metrics(rows):
         own = rows[rows["metric"] == metric]
@@ -200,7 +204,6 @@ def _known_panel(axis, table: pd.DataFrame, knob: str) -> None:
     axis.set_yscale("log")
     _plain_ticks(axis.yaxis)
     axis.set_ylim(floor, 2 * rows["error"].max())
-    axis.set_title(TITLES[knob], fontsize=8)
     axis.set_ylabel("error", fontsize=7)
 
 

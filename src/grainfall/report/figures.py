@@ -96,11 +96,16 @@ def save_figure(figure: Figure, path: str | Path) -> None:
         figure.savefig(part, format=kind, metadata=metadata)
 
 
+NOTE = "note-in-place-of-a-figure"
+"""Name of the sentence of :func:`note_figure` in an SVG file."""
+
+
 @styled
 def note_figure(text: str) -> Figure:
     """A sentence where a picture would stand, for what a plan did not call for or a run did not compute."""
     figure = Figure(figsize=(WIDTH, 1.0))
-    figure.text(0.5, 0.5, text, ha="center", va="center", wrap=True, style="italic", color="#333333")
+    look = {"ha": "center", "va": "center", "wrap": True, "style": "italic", "color": "#333333"}
+    figure.text(0.5, 0.5, text, gid=NOTE, **look)
     return figure
 
 

@@ -19,6 +19,7 @@ from scipy import ndimage
 from grainfall import __version__, io, network
 from grainfall.report import figures, tables, view3d
 from grainfall.report.texts import TEXTS
+from grainfall.volume import size_factor
 
 COMPARED = (
     "porosity", "porosity_first", "s2_inside_envelope", "k_x_md", "k_y_md", "k_z_md", "w1_grains_um",
@@ -193,7 +194,7 @@ def figure_files(
             r.table("sample:truth_sizes.csv"),
             r.table("twin:grains2d.csv"),
             r.table("twin:pores2d.csv"),
-            grains_inside(r),
+            drawn_grains(r),
         )
 
     def grain_gallery() -> Figure | None:
@@ -257,7 +258,7 @@ def figure_files(
             sizes,
             ["sample:sizes.csv"],
             ["sample:truth_sizes.csv", "sample:section.json", "twin:grains2d.csv", "twin:pores2d.csv",
-             "twin:bodies.csv", "twin:twin.zarr.zip"],
+             "twin:bodies.csv", "twin:cement.json", "twin:twin.zarr.zip"],
         ),
         "gallery": (
             grain_gallery,
@@ -456,13 +457,14 @@ def _all_metrics(judged: list[dict]) -> dict:
 
 
 def _verdicts(judged: list[dict]) -> list[dict]:
-    """What to say of each variant: its figures, and every miss once with how many realizations share it."""
+    """What to say of each variant: its figures, and every miss in the words of the first twin that has it."""
     found = []
     for variant in dict.fromkeys(t["variant"] for t in judged):
         twins = [t for t in judged if t["variant"] == variant]
-        misses: dict[str, list[str]] = {}
-        for j in (j for t in twins for j in t["judgements"] if j.status == "missed"):
-            misses.setdefault(j.metric, []).append(j.words)
+        misses: dict[str, list[tuple[str, int]]] = {}
+        for t in twins:
+            for j in (j for j in t["judgements"] if j.status == "missed"):
+                misses.setdefault(j.metric, []).append((j.words, t["realization"]))
         met = [t["metrics"] for t in twins if t["metrics"] is not None]
         found.append(
             {
@@ -470,8 +472,11 @@ def _verdicts(judged: list[dict]) -> list[dict]:
                 "said": tables.headline(met) if met else [],
                 "twins": twins,
                 "misses": [
-                    (words[0], f"in {len(words)} of {len(twins)} realizations" if len(twins) > 1 else "")
-                    for words in misses.values()
+                    (
+                        own[0][0],
+                        f"realization {own[0][1]}; {len(own)} of {len(twins)} miss" if len(twins) > 1 else "",
+                    )
+                    for own in misses.values()
                 ],
             }
         )
@@ -636,11 +641,14 @@ def gallery(r: Results, count: int = GALLERY) -> list[dict]:
     return chosen
 
 
-def grains_inside(r: Results) -> pd.DataFrame | None:
-    """Bodies whose centre lies inside the twin's volume: those outside belong to the margin."""
+def drawn_grains(r: Results) -> pd.DataFrame | None:
+    """Bodies whose centre lies inside the twin's volume (those outside belong to the margin), with the radii
+    they were drawn with: what the section's sizes are to be held against."""
     bodies, twin = r.table("twin:bodies.csv"), r.attributes("twin:twin.zarr.zip")
-    if bodies is None or twin is None:
-        return bodies
+    cement = r.json("twin:cement.json")
+    if bodies is None or twin is None or cement is None:
+        return None
+    bodies["scale"] /= size_factor(cement)
     reach = np.array(twin[1]["phase"][::-1]) * float(twin[0]["voxel_size_um"])
     centre = bodies[["x", "y", "z"]].to_numpy()
     return bodies[((centre >= 0) & (centre < reach)).all(1)]

@@ -35,7 +35,7 @@ from grainfall.report.figures import (
     phase_colours,
     styled,
 )
-from grainfall.report.html import PACKED, Results, gallery, grains_inside
+from grainfall.report.html import PACKED, Results, drawn_grains, gallery
 from grainfall.report.validation import (
     BEREA_PUBLISHED_MD,
     CUBES,
@@ -84,12 +84,12 @@ class Cases:
         """Networks of the reference cubes of a case."""
         return self.stems(case, "reference_network") + self.stems(case, f"{CUBES}/reference_network")
 
-    def twin(self, case: str, variant: str = "full") -> Results | None:
-        """The first twin of a case of which there is all that figures show."""
+    def twin(self, case: str, variant: str = "full", *, packings: bool = False) -> Results | None:
+        """The first twin of a case whose volume is there, and those of its packings where asked for."""
+        volumes = ["twin.zarr.zip"] + ["first/volume.zarr.zip", "second/volume.zarr.zip"] * packings
         for path in self.paths(case, f"{variant}/*/metrics.csv"):
-            if not path.with_name("second").joinpath("volume.zarr.zip").exists():
-                continue
-            return Results(self.root, path.parents[2].name, variant, int(path.parent.name))
+            if all((path.parent / volume).exists() for volume in volumes):
+                return Results(self.root, path.parents[2].name, variant, int(path.parent.name))
         return None
 
 
@@ -179,7 +179,7 @@ def _outlines(axes, labels: np.ndarray, pixel: float, colour: str = "#C00000", w
 @styled
 def pipeline(cases: Cases) -> Figure | None:
     """The workflow in seven pictures, each from the same sample."""
-    r = cases.twin("virtual_spheres")
+    r = cases.twin("virtual_spheres", packings=True)
     if r is None:
         return None
     phase, labels, pores, corner = _section_panels(r, GRAINS_SHOWN * _grain_um(r))
@@ -328,7 +328,7 @@ def grain(cases: Cases) -> Figure | None:
 
 def two_packing(cases: Cases) -> Figure | None:
     """The same vertical slice of the first packing, of the second and of the twin."""
-    r = cases.twin("virtual_spheres")
+    r = cases.twin("virtual_spheres", packings=True)
     if r is None:
         return None
     values = r.table("twin:metrics.csv").set_index("metric")["value"]
@@ -367,8 +367,7 @@ def _sample1(cases: Cases, variant: str) -> Figure | None:
     _letter(left[1], "b", "reconstructed, slice")
     for axes in left:
         _bar(axes, edge)
-    truth, bodies = r.table("sample:truth_sizes.csv"), grains_inside(r)
-    room = r.json("twin:cement.json").get("room", 1.0)  # a cemented grain is as large as before
+    truth, bodies = r.table("sample:truth_sizes.csv"), drawn_grains(r)
     seen = [r.table("sample:grains2d.csv"), r.table("twin:grains2d.csv")]
     for column, phase in enumerate((1, 2)):
         colour = MINERALS[phase - 1]
@@ -377,7 +376,7 @@ def _sample1(cases: Cases, variant: str) -> Figure | None:
         edges = np.linspace(0, last, 22)
         of = [t[(t["phase"] == phase) & (t["weight"] > 0)] for t in seen]
         _histograms(top, [(t["r_um"], t["weight"]) for t in of], edges, colour)
-        own = bodies[(bodies["kind"] == "grain") & (bodies["phase"] == phase)]["scale"] / room
+        own = bodies[(bodies["kind"] == "grain") & (bodies["phase"] == phase)]["scale"]
         _histograms(bottom, [(truth.loc[truth["phase"] == phase, "r_um"], None), (own, None)], edges, colour)
         _letter(top, "cd"[column], f"{r.phases[phase]}, 2D")
         _letter(bottom, "ef"[column], f"{r.phases[phase]}, 3D")
@@ -467,7 +466,7 @@ def sample1_s2(cases: Cases) -> Figure | None:
 @styled
 def sample2(cases: Cases) -> Figure | None:
     """Original block, slices of the original and of both packings."""
-    r = cases.twin("virtual_spheres")
+    r = cases.twin("virtual_spheres", packings=True)
     if r is None:
         return None
     edge = _voxel(r) * r.volume("twin:twin.zarr.zip", "phase").shape[0]
@@ -838,7 +837,7 @@ def permeability(cases: Cases) -> Figure | None:
     axes.plot([], [], "D", color=SECTION, mfc="none", ms=6, label="paper, one realization")
     axes.axvline(1, color=TRUTH, ls=DASHED, lw=1.6, label="truth")
     axes.axvspan(0.9, 1.1, color=to_rgba(TRUTH, 0.12), lw=0)
-    names = [f"{r['case']}, {r['variant']} (n = {r['n']})".replace("_", " ") for _, r in rows.iterrows()]
+    names = [f"{r.case}, {r.variant} ({r.n} of {r.sections})".replace("_", " ") for r in rows.itertuples()]
     axes.set(yticks=range(len(rows)), yticklabels=names, xlabel=describe("k_ratio").label, xlim=(0, None))
     axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.legend(loc="best", fontsize=7)
@@ -859,7 +858,8 @@ FIGURES: dict[str, Drawn] = {
         permeability,
         "-",
         "Permeability over the truth's by the same method, of every case and variant. Dots: our "
-        "ensembles with 95 % intervals; open diamonds: the paper's single figures; the band is 10 %.",
+        "ensembles (so many twins of so many sections) with 95 % intervals; open diamonds: the paper's "
+        "single figures; the band is 10 %.",
     ),
     "motivation": Drawn(
         motivation,

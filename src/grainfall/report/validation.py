@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,9 +17,10 @@ from scipy import stats
 
 from grainfall import correlation, io, network, surface
 from grainfall.report.tables import t_interval
+from grainfall.volume import size_factor
 
-COLUMNS = ("case", "variant", "quantity", "unit", "paper", "truth", "mean", "lower", "upper", "n")
-"""Columns of results/validation.csv."""
+COLUMNS = ("case", "variant", "quantity", "unit", "paper", "truth", "mean", "lower", "upper", "n", "sections")
+"""Columns of results/validation.csv: ``n`` twins or volumes, of so many ``sections``."""
 
 PAPER: dict[tuple[str, str, str], float] = {
     ("stereology", "truth", "porosity"): 0.227,
@@ -56,6 +57,13 @@ BEREA_PUBLISHED_MD = 1630.0
 CUBES = "cube_*"
 """Folders of a sample's further reference cubes."""
 
+NEARER = {
+    "no_inversion": ("w1_f3d",),
+    "touching": ("surface_ratio", "k_ratio"),
+    "tomogram": ("s2_gap", "w1_pores", "k_ratio"),
+}
+"""What the full method is to come nearer to the truth in than these variants do."""
+
 
 @dataclass(frozen=True)
 class Quantity:
@@ -63,6 +71,8 @@ class Quantity:
 
     label: str
     unit: str = "1"
+    signed: bool = False
+    """Whether it may be negative; the interval of what cannot be ends at 0."""
 
 
 QUANTITIES: dict[str, Quantity] = {
@@ -107,14 +117,21 @@ QUANTITIES: dict[str, Quantity] = {
     "s2_gap": Quantity("S₂ in 3D, largest distance to the truth's"),
     "pore_r_um": Quantity("network pore radius, mean by pore volume", "µm"),
     "pore_r95_um": Quantity("network pore radius below which 95 % of the pore volume lies", "µm"),
+    "pore_r95_ratio": Quantity("the same over the truth's"),
     "circle_r95_um": Quantity(
         "pore circles on slices, radius below which 95 % of their area lies; truth: the section's",
         "µm",
     ),
     "throat_r_um": Quantity("network throat radius, mean", "µm"),
     "w1_pores": Quantity("network pore radii by volume, Wasserstein distance to the truth over its mean"),
-    "s2_envelope_p": Quantity("envelope test of the section's S₂ among slices, p"),
+    "s2_envelope_p": Quantity("envelope test of the section's S₂ among slices, p (least, largest)"),
     "phantom": Quantity("phantom pores: solid taken for pore, share of the solid"),
+}
+QUANTITIES |= {
+    f"{name}_nearer": Quantity(
+        f"{QUANTITIES[name].label}: by how much nearer to the truth the full method's is", signed=True
+    )
+    for name in dict.fromkeys(name for names in NEARER.values() for name in names)
 }
 """Every quantity of the table by its name there."""
 
@@ -129,7 +146,7 @@ def describe(quantity: str) -> Quantity:
     """
     base, _, cv = quantity.partition("@cv")
     known = QUANTITIES[base]
-    return Quantity(f"{known.label}, CV {cv}", known.unit) if cv else known
+    return replace(known, label=f"{known.label}, CV {cv}") if cv else known
 
 
 # ---- what a twin is
@@ -176,7 +193,7 @@ def gather(results: str | Path, cases: Mapping[str, Mapping]) -> pd.DataFrame:
                 for quantity, (value, aim) in found.items()
                 if value is not None
             ]
-            rows += _paired(case, sample, twins)
+            rows += _paired(case, sample, twins) + _nearer(case, sample, twins)
     columns = ["case", "sample", "variant", "realization", "quantity", "value", "truth"]
     return pd.DataFrame(rows, columns=columns).astype({"value": float, "truth": float})
 
@@ -189,6 +206,25 @@ def _paired(case: str, sample: str, twins: Sequence) -> list[tuple]:
         for (variant, n), value in k.items()
         if variant != "full" and k.get(("full", n))
     ]
+
+
+def _nearer(case: str, sample: str, twins: Sequence) -> list[tuple]:
+    """By how much nearer to the truth the mean of the full method's twins is than that of another variant,
+    over the realizations that both have."""
+    found = {(variant, n): figures for variant, n, figures in twins}
+    full = {n: figures for (variant, n), figures in found.items() if variant == "full"}
+    rows = []
+    for other, quantities in NEARER.items():
+        scan = found.get((other, -1))  # a tomogram has no realizations
+        pairs = [(own, scan or found.get((other, n), {})) for n, own in full.items()]
+        for quantity in quantities:
+            values = [[figures.get(quantity, (None,))[0] for figures in pair] for pair in pairs]
+            values = np.array(values, float).reshape(-1, 2)
+            values = values[~np.isnan(values).any(axis=1)]
+            if len(values):
+                own, others = np.abs(values.mean(axis=0) - (1.0 if quantity.endswith("_ratio") else 0.0))
+                rows.append((case, sample, other, -1, f"{quantity}_nearer", others - own, 0.0))
+    return rows
 
 
 def _truth(sample: Path) -> dict:
@@ -249,6 +285,7 @@ def _pore_figures(sizes: Mapping, truth: Mapping) -> dict[str, tuple]:
         "throat_r_um": of(lambda of: of["throat_radius_um"].mean()),
     }
     if other:
+        found["pore_r95_ratio"] = (np.divide(*found["pore_r95_um"]), 1.0)
         distance = network.pore_size_distance(sizes, other)
         found["w1_pores"] = (distance / network.mean_pore_radius(other), 0.0)
     return found
@@ -327,8 +364,7 @@ def _of_twin(folder: Path, truth: Mapping, sample: str) -> dict[str, tuple]:
     }
     if "grains" in truth and "k" in truth:
         bodies = io.read_table(folder / "bodies.csv")
-        # a cemented grain is as large as it was before room was made for its rim
-        bodies["scale"] /= io.read_json(folder / "cement.json").get("room", 1.0)
+        bodies["scale"] /= size_factor(io.read_json(folder / "cement.json"))
         found |= _grain_figures(bodies[bodies["kind"] == "grain"], truth["grains"], k["md"], k_ref["md"])
         # everything scales with the distance of the grains: K times the 2/3 power of their number does not
         box = (4 / 3 * np.pi * truth["grains"]["r_um"] ** 3).sum() / (1 - held)
@@ -439,37 +475,41 @@ def slice_surfaces(phase: np.ndarray) -> np.ndarray:
 def aggregate(figures: pd.DataFrame) -> pd.DataFrame:
     """Means with 95 % intervals.
 
-    Where there are several truths they are what was drawn independently: twins of one truth are averaged
-    first and the t-interval is over truths. With a single truth it is over its twins, and says nothing of
-    other truths. The largest distance from a target is the largest, not a mean.
+    Where there are several sections they are what was drawn independently: twins of one section are averaged
+    first and the t-interval is over sections. With a single one it is over its twins, and says nothing of
+    others. Sections of one volume share its truth, which counts once. The largest distance from a target is
+    the largest, not a mean; of p-values the bounds are the least and the largest.
 
     Parameters
     ----------
     figures : DataFrame
-        As :func:`gather` gives it.
+        As :func:`gather` gives it; figures that are NaN count for nothing.
 
     Returns
     -------
     DataFrame
-        :data:`COLUMNS`, and ``truths``: how many.
+        :data:`COLUMNS`.
     """
     rows = []
+    figures = figures.dropna(subset="value")
     for (case, variant, quantity), group in figures.groupby(["case", "variant", "quantity"], sort=False):
-        by_truth = group.groupby("sample")[["value", "truth"]].mean()
-        n, truths = len(group), len(by_truth)
-        truth = by_truth["truth"].mean()
+        if variant == "truth":
+            group = group.drop_duplicates("value")
+        known = describe(quantity)
+        by_section = group.groupby("sample")[["value", "truth"]].mean()
+        n, sections = len(group), len(by_section)
+        values = (by_section if sections > 1 else group)["value"].to_numpy(float)
+        _, mean, lower, upper = t_interval(values)
         if quantity == "porosity_miss":
             mean, lower, upper = group["value"].max(), math.nan, math.nan
-        elif quantity == "s2_envelope_p":  # one test for all twins of a truth
-            _, mean, lower, upper = t_interval(by_truth["value"].to_numpy(float))
-        else:
-            _, mean, lower, upper = t_interval((by_truth if truths > 1 else group)["value"].to_numpy(float))
-        base = quantity.partition("@")[0]
-        rows.append(
-            (case, variant, quantity, describe(quantity).unit, PAPER.get((case, variant, base)), truth, mean,
-             lower, upper, n, truths)
-        )  # fmt: skip
-    return pd.DataFrame(rows, columns=[*COLUMNS, "truths"])
+        elif quantity == "s2_envelope_p":  # one test for all twins of a section
+            lower, upper = (by_section["value"].agg(["min", "max"])) if sections > 1 else (math.nan, math.nan)
+        elif not known.signed:
+            lower = lower if math.isnan(lower) else max(lower, 0.0)
+        paper = PAPER.get((case, variant, quantity.partition("@")[0]))
+        truth = by_section["truth"].mean()
+        rows.append((case, variant, quantity, known.unit, paper, truth, mean, lower, upper, n, sections))
+    return pd.DataFrame(rows, columns=COLUMNS)
 
 
 def berea_slices(phase: np.ndarray) -> list[dict]:
@@ -493,14 +533,14 @@ def berea_slices(phase: np.ndarray) -> list[dict]:
             {
                 "case": "berea", "variant": "section", "quantity": quantity, "unit": describe(quantity).unit,
                 "paper": math.nan, "truth": truth, "mean": values.mean(), "lower": lower, "upper": upper,
-                "n": len(values), "truths": 1,
+                "n": len(values), "sections": len(values),
             }
         )  # fmt: skip
     return rows
 
 
 def validation_table(results: str | Path, cases: Mapping[str, Mapping]) -> pd.DataFrame:
-    """All cases, as far as they have come: :data:`COLUMNS` and ``truths``.
+    """All cases, as far as they have come: :data:`COLUMNS`.
 
     Parameters
     ----------

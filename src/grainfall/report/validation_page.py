@@ -12,6 +12,7 @@ from jinja2 import Environment, PackageLoader
 
 from grainfall import __version__, io
 from grainfall.report.claims import claims
+from grainfall.report.figures import NOTE
 from grainfall.report.html import data_uri
 from grainfall.report.paper_figures import FIGURES
 from grainfall.report.tables import number
@@ -45,7 +46,7 @@ def build_validation(
         As :func:`grainfall.report.validation.validation_table` gives it.
     out : path
     drawn : mapping
-        Figure name to its SVG file; those that are missing are said to be.
+        Figure name to its SVG file; those that are missing, or but a note, are said to be.
     """
     environment = Environment(
         loader=PackageLoader("grainfall.report"),
@@ -122,7 +123,7 @@ def _cell(row: Mapping, columns: str | list[str]) -> str:
 
 def _figure(name: str, path: Path | None) -> dict:
     entry = FIGURES[name]
-    there = path is not None and path.exists()
+    there = path is not None and path.exists() and f'id="{NOTE}"' not in path.read_text(encoding="utf-8")
     image = data_uri(path) if there else None
     return {"name": name, "caption": entry.caption, "paper": entry.paper, "image": image}
 

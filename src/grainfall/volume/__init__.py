@@ -5,7 +5,7 @@ from grainfall.volume.coarsen import coarse_shape, coarsen, read_pore_space
 from grainfall.volume.compaction import compact
 from grainfall.volume.correction import correct_porosity
 from grainfall.volume.export import export_metaimage, export_raw, export_vti
-from grainfall.volume.finish import finish, make_room, write_twin
+from grainfall.volume.finish import finish, make_room, size_factor, write_twin
 from grainfall.volume.measures import adjacent_pairs, describe, euler_number, porosity
 from grainfall.volume.scan import VIRTUAL, packed_porosity, voxelise, voxelise_slabs
 
@@ -30,6 +30,7 @@ __all__ = [
     "packed_porosity",
     "porosity",
     "read_pore_space",
+    "size_factor",
     "voxelise",
     "voxelise_slabs",
     "with_rims",

@@ -98,21 +98,26 @@ def finish(
             progress=progress,
         )
         phase, body, grown = cement(grains, library, shape, voxel, target, len(scene["phases"]))
-        size = 100 * (room * pressed["factor"] - 1)
+        made = {**grown, "room": room, "compaction": pressed}
+        size = 100 * (size_factor(made) - 1)
         rims["reason"] += f": rims of {grown['rim_um']:.3g} um on grains {abs(size):.2g} % "
         rims["reason"] += "smaller" if size < 0 else "larger"
-        return (
-            grains,
-            iter([(0, phase, body)]),
-            scaling,
-            {**grown, "room": room, "compaction": pressed, **rims},
-        )
+        return grains, iter([(0, phase, body)]), scaling, {**made, **rims}
     nothing = {"target": target, "before": left, "after": left, "share": 0.0, "rim_um": 0.0, "wall_s": 0.0}
     nothing["room"] = 1.0
     nothing["compaction"] = decide(switches["compaction"], False, "there are no rims", possible=False)
     nothing["compaction"] |= {"factor": 1.0, "porosity": left, "wall_s": 0.0}
     slabs = voxelise_slabs(grains, library, shape, voxel, slab=CHUNK)
     return grains, slabs, scaling, {**nothing, **rims}
+
+
+def size_factor(cement: Mapping) -> float:
+    """Radius of the grains in a twin's bodies.csv over the one they were drawn with, by its cement.json.
+
+    Grains are drawn with the sizes of the section's, rims and all; room for the rims makes them smaller
+    (:func:`make_room`), pressing them into each other larger (:func:`grainfall.volume.compact`).
+    """
+    return cement["room"] * cement["compaction"]["factor"]
 
 
 def write_twin(
