@@ -72,9 +72,10 @@ def find_contacts(
         differs from the mesh's by some percent of a radius, many times the tolerance: grains at rest on each
         other show a gap, or a deep overlap, between their meshes.
     packed : DataFrame, optional
-        The bodies as they came to rest, before positions were scaled to the target porosity. That moves
-        neighbours apart (or into each other) by up to half a percent of their distance, again more than the
-        tolerance: contacts and gaps are then those of the packing, located in the scaled one.
+        The bodies as they came to rest, before positions were scaled to the target porosity or room was made
+        for rims. The first moves neighbours apart (or into each other) by up to half a percent of their
+        distance, again more than the tolerance: contacts and gaps are then those of the packing, in its own
+        um, located in the twin.
     forces : DataFrame, optional
         Normal forces in the packing as it came to rest, virtual spheres included: a < b (ids), force_n.
 
@@ -95,10 +96,7 @@ def find_contacts(
     phase = grains.set_index("id")["phase"]
     table = pd.DataFrame({"grain_a": pairs["a"], "grain_b": pairs["b"]})
     table["phase_a"], table["phase_b"] = (phase.loc[table[g]].to_numpy() for g in ("grain_a", "grain_b"))
-    moved = grains.set_index("id")[["x", "y", "z"]] - rest.set_index("id")[["x", "y", "z"]]
-    for name in ("x", "y", "z"):
-        shift = [moved[name].loc[pairs[end]].to_numpy() for end in ("a", "b")]
-        table[name] = pairs[name] + (shift[0] + shift[1]) / 2
+    table[["x", "y", "z"]] = _carried(pairs, rest.set_index("id"), grains.set_index("id"))
     table[["nx", "ny", "nz"]] = pairs[["nx", "ny", "nz"]]
     table["area_um2"] = np.nan
     if body_volume is not None:
@@ -115,6 +113,20 @@ def find_contacts(
         table["force_n"] = found.fillna(0.0).to_numpy()
     table["gap_um"] = pairs["gap_um"]
     return table.sort_values(["grain_a", "grain_b"], ignore_index=True)
+
+
+def _carried(pairs: pd.DataFrame, rest: pd.DataFrame, grains: pd.DataFrame) -> np.ndarray:
+    """Points between pairs of grains at rest, where they are when the grains have moved: as far on the way
+    from centre to centre as before."""
+    names = ["x", "y", "z"]
+    points = pairs[names].to_numpy(float)
+    (a, b), (a_now, b_now) = (
+        [table.loc[pairs[end], names].to_numpy(float) for end in ("a", "b")] for table in (rest, grains)
+    )
+    way = b - a
+    share = ((points - a) * way).sum(axis=1) / np.maximum((way**2).sum(axis=1), np.finfo(float).tiny)
+    share = np.clip(share, 0, 1)[:, None]
+    return points + (1 - share) * (a_now - a) + share * (b_now - b)
 
 
 def _inside(table: pd.DataFrame, size_um: np.ndarray) -> np.ndarray:

@@ -167,7 +167,7 @@ def unfold(
         Section radii, > 0, micrometres.
     weights : (n,) array, optional
         Edge corrections (Miles-Lantuejoul), >= 0; sections of weight 0 are left out. Equal by default.
-    method : {"adaptive", "paper", "none"}
+    method : {"adaptive", "tikhonov", "paper", "none"}
         ``adaptive``: exact kernel; a sieve of gamma densities, its bins and size chosen from the data.
         ``tikhonov``: exact kernel, 80 bins, NNLS with a second-difference penalty by cross-validation.
         ``paper``: midpoint kernel, bins up to 2 max r, identity penalty by generalised cross-validation.
@@ -199,13 +199,18 @@ def unfold(
     inversion = _INVERSIONS[method](radii, weights, edges_um)
     grid = inversion.edges
     edges = grid if edges_um is None else edges_um
-    f3d = _rebinned(grid, inversion.f3d, edges)
+
+    def on_edges(density: np.ndarray) -> np.ndarray:
+        """On the bins asked for, all particles in them: the sieve's reach beyond the largest section."""
+        return density if edges is grid else _density(_rebinned(grid, density, edges), edges)
+
+    f3d = on_edges(inversion.f3d)
     f2d = _histogram(radii, weights, edges)
     lower = upper = f3d
     if rng is not None and bootstrap > 0:
         n = len(radii)
         copies = weights * rng.multinomial(n, np.full(n, 1.0 / n), size=bootstrap)
-        replicas = [_rebinned(grid, inversion.again(w), edges) for w in copies]
+        replicas = [on_edges(inversion.again(w)) for w in copies]
         lower, upper = np.quantile(replicas, [0.025, 0.975], axis=0)
         lower, upper = np.minimum(lower, f3d), np.maximum(upper, f3d)
     return SizeDistribution(edges, f2d, f3d, lower, upper, method, inversion.regularisation)

@@ -3,6 +3,8 @@
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from grainfall import packing, stereology
 from grainfall.errors import InputError
@@ -227,7 +229,8 @@ def test_sizes_survive_their_table():
 @pytest.mark.parametrize(
     ("first", "over", "on", "porosity", "words"),
     [
-        (0.35, {}, True, 0.4 / 0.92, "exceed the section's 0.11 beyond"),
+        # voids of a share v in a bed as the first one, whose pores rims fill: 0.4 = v + (1 - v) 0.35 0.92
+        (0.35, {}, True, 1 - 0.65 * 0.6 / (1 - 0.35 * 0.92), "exceed the section's 0.11 beyond"),
         (0.35, {"cement": "off"}, False, 0.4, "switched off in the config, although"),
         (0.35, {"overgrowth": APART}, False, 0.4, "do not exceed"),
         (0.35, {"overgrowth": APART, "cement": "on"}, False, 0.4, "with nothing to do"),
@@ -252,6 +255,22 @@ def test_grains_grown_together_are_packed_looser(first, over, on, porosity, word
     if first != 0.395:
         assert report["reached"]
         assert abs(report["porosity"] - porosity) <= 0.01
+
+
+@given(st.floats(0.02, 0.95), st.floats(0.05, 0.7), st.floats(0, 0.95))
+def test_a_bed_before_its_rims_has_room_for_them(target, first, filled):
+    """However grown together the grains and however large the voids (a vuggy rock of fused grains once asked
+    for a bed of more pores than there is volume)."""
+    rims = packing.Overgrowth(SolidSurface(0.05, 0.001), SolidSurface(0.2, 0.001), filled)
+    before = rims.porosity_before(target, first)
+    assert target <= before + 1e-12
+    assert before < 1
+    assert rims.porosity_before(target + 1e-6, first) == pytest.approx(before, abs=3e-5)
+    if before > first:  # the pores between grains are the first packing's
+        voids = (before - first) / (1 - first)
+        assert voids + (1 - voids) * first * (1 - filled) == pytest.approx(target)
+    elif before < first:
+        assert before * (1 - filled) == pytest.approx(target)
 
 
 def test_surfaces_that_chance_may_tell_apart_call_for_nothing():

@@ -17,6 +17,9 @@ TRACE = "GRAINFALL_TRACE"
 
 def main(arguments: list[str] | None = None) -> None:
     """Run a command and leave the process: 0 done, 1 a mistake or a missing piece, 2 a wrong command line."""
+    # Thousands of tiny products, as in the inversion, take many times as long on several threads; as in jobs.
+    for pool in ("OMP", "OPENBLAS", "MKL"):
+        os.environ.setdefault(f"{pool}_NUM_THREADS", "1")
     # Asked to end, we end as by Ctrl-C: what we have started is told to end too.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     sys.exit(run(sys.argv[1:] if arguments is None else arguments))

@@ -30,6 +30,11 @@ trimesh = lazy_loader.load("trimesh")  # 0.3 s, for jobs that make or write mesh
 SPHERE = -1
 """Shape id of a sphere, which is in no library."""
 
+ARRAYS = frozenset(
+    ("vertices", "vertex_counts", "faces", "face_counts", "pieces", "piece_counts", "pieces_a_shape")
+)
+"""What shapes.npz holds."""
+
 SMALLEST_EXCESS = 0.07
 """Volume of the hull over the shape's own, minus 1, below which a shape is not worth cutting: the pieces of a
 thin section's grains keep about as much (:data:`grainfall.grains.decomposition.CONCAVITY`)."""
@@ -120,6 +125,10 @@ class Library:
         """
         folder = Path(folder)
         arrays = io.read_arrays(folder / "shapes.npz")
+        if missing := sorted(ARRAYS - set(arrays)):
+            raise InputError(
+                folder / "shapes.npz", f"has no {missing[0]}", "delete it, so that it is made again"
+            )
         vertices, faces, flat = (
             np.split(arrays[name], np.cumsum(arrays[counts]))[:-1]
             for name, counts in (

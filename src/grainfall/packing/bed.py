@@ -193,15 +193,21 @@ class Bed:
         """Body ``i`` as the engine needs it."""
         shape, r = self.shapes[self.shape[i]], self.radius[i]
         share = self._share(r)
-        exact = self.density[i] * shape.inertia * r**5 * share
         return Solid(
             parts=shape.parts,
             radius=self.bound[i],
             mass=self.density[i] * 4 / 3 * np.pi * r**3 * share,
-            inertia=exact if self.parameters.inertia == "exact" else np.ones(3),
+            inertia=self._inertia(i),
             scale=r,
             drag=self.drag(i),
         )
+
+    def _inertia(self, i: int) -> np.ndarray:
+        """Principal moments that body ``i`` has in the engine."""
+        if self.parameters.inertia != "exact":
+            return np.ones(3)
+        r = self.radius[i]
+        return self.density[i] * self.shapes[self.shape[i]].inertia * r**5 * self._share(r)
 
     def drag(self, i: int) -> float:
         """Rate, 1/s, at which body ``i`` loses speed while bodies are poured: a heavy virtual sphere's."""
@@ -234,8 +240,7 @@ class Bed:
         """Potential energy above the floor and kinetic energy of all bodies."""
         turn = Rotation.from_quat(self.quaternion[:, [1, 2, 3, 0]])
         spin = turn.apply(self.spin, inverse=True) if len(self) else self.spin
-        inertia = np.array([self.shapes[s].inertia for s in self.shape]).reshape(-1, 3)
-        inertia = inertia * (self.density * self.radius**5 * self._share(self.radius))[:, None]
+        inertia = np.array([self._inertia(i) for i in range(len(self))]).reshape(-1, 3)
         speed2 = (self.velocity**2).sum(axis=1)
         potential = self.mass * self.parameters.gravity * self.position[:, 2]
         return float((potential + self.mass * speed2 / 2).sum() + (inertia * spin**2).sum() / 2)

@@ -188,6 +188,13 @@ def deposit(
     return _Deposition(population, library, box, parameters, rng, progress, checkpoints).run(rest)
 
 
+def solid_fraction(bodies: pd.DataFrame, box: Box) -> float:
+    """Volume of the bodies centred in the region of interest over the region's."""
+    roi, xyz = np.array(box.roi_um), bodies[["x", "y", "z"]].to_numpy()
+    within = ((xyz >= 0) & (xyz < roi)).all(axis=1)
+    return float(4 / 3 * np.pi * (bodies["scale"][within] ** 3).sum() / roi.prod())
+
+
 LOOK = 10
 """Steps between two looks at the speeds of the moving bodies."""
 
@@ -324,6 +331,7 @@ class _Deposition:
         if self.file is None:
             return
         bed = self.bed
+        self.spent = time.perf_counter() - self.started
         plain = {name: getattr(self, name) for name in PLAIN}
         plain["rng"] = self.rng.bit_generator.state
         arrays = {name: getattr(bed, name) for name in BODY}
@@ -339,6 +347,7 @@ class _Deposition:
         self.rng.bit_generator.state = plain.pop("rng")
         for name, value in plain.items():
             setattr(self, name, value)
+        self.started = time.perf_counter() - self.spent
         self._survey()
 
     # --- the supply -------------------------------------------------------------------------------
@@ -506,9 +515,7 @@ class _Deposition:
         self._survey()
         report.surface_um = self._surface() * self.unit - self.box.margin_um
         report.surface_needed_um = self.box.roi_um[2] + self.box.margin_um
-        roi, xyz = np.array(self.box.roi_um), bodies[["x", "y", "z"]].to_numpy()
-        within = ((xyz >= 0) & (xyz < roi)).all(axis=1)
-        report.solid_fraction = float(4 / 3 * np.pi * (bodies["scale"][within] ** 3).sum() / roi.prod())
+        report.solid_fraction = solid_fraction(bodies, self.box)
         report.largest = float(bed.radius.max(initial=0.0))
         kinds = Counter(bed.shapes[s].kind for s in bed.shape[bed.kind == "grain"])
         report.n_spheres, report.n_hulls, report.n_decomposed = (
@@ -523,7 +530,7 @@ class _Deposition:
         report.wall_s = time.perf_counter() - self.started
 
 
-PLAIN = ("next", "steps", "idle", "activity", "poured", "notes")
+PLAIN = ("next", "steps", "idle", "activity", "poured", "notes", "spent")
 BODY = ("phase", "shape", "radius", "bound", "density", "position", "quaternion", "velocity", "spin", "fixed")
 """What a checkpoint holds of the deposition and of each body."""
 

@@ -13,6 +13,10 @@ from grainfall.errors import InputError
 
 GOLDEN = (5**0.5 - 1) / 2
 
+DUST = 0.02
+"""Least radius of a grain that is poured, over the median of its mineral: inversions whose bins begin at 0
+let some be far smaller than a pixel, and the smallest grain sets the time step of all."""
+
 
 class Sizes(Protocol):
     """A distribution of equal-volume radii, as :class:`grainfall.stereology.SizeDistribution`."""
@@ -127,7 +131,8 @@ class Mixture:
     def _radii(self, sizes: Sizes, u: np.ndarray) -> np.ndarray:
         if sizes is self.spheres:
             return np.asarray(sizes.quantile(u), float)
-        return np.asarray(sizes.quantile(u, self.which), float)
+        radii = np.asarray(sizes.quantile(u, self.which), float)
+        return np.maximum(radii, DUST * sizes.quantile(np.array([0.5]), self.which))
 
     @property
     def mean_grain_volume(self) -> float:

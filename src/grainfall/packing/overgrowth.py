@@ -42,6 +42,14 @@ class Overgrowth:
             f"of solid) {how} the section's {self.section.per_um:.4g} beyond sampling"
         )
 
-    def porosity_before(self, target: float) -> float:
-        """Porosity of a bed that has the target's once rims have filled that share of its pores."""
-        return target / (1 - self.filled)
+    def porosity_before(self, target: float, first: float) -> float:
+        """Porosity of a bed that has the target's once rims have filled their share of it.
+
+        What the target has beyond a first packing with rims is voids, which rims hardly fill: of the volume
+        share v that the spheres hold open, with grains as in the first packing about it.
+        """
+        left = first * (1 - self.filled)
+        if target <= left:
+            return target / (1 - self.filled)
+        voids = (target - left) / (1 - left)
+        return voids + (1 - voids) * first

@@ -12,6 +12,9 @@ from grainfall.stereology import SizeDistribution
 LEAST_GRAINS = 3
 """Narrower regions, in mean grains, are all boundary."""
 
+LEAST_VOXELS = 4
+"""Voxels across the mean grain below which pores close or join by chance."""
+
 MOST_VOXELS = 4_000_000_000
 """Larger volumes overflow 32-bit labels."""
 
@@ -88,6 +91,12 @@ def plan_scene(
     edge = edge_um or edge_grains * diameter
     voxel = voxel_size_um or (diameter / voxels_per_grain if voxels_per_grain else section["pixel_size_um"])
     n = max(1, round(edge / voxel))
+    if voxel * LEAST_VOXELS > diameter:
+        raise InputError(
+            "scene.voxel_size_um",
+            f"{voxel:.4g} um is {diameter / voxel:.2g} voxels across the mean grain of {diameter:.4g} um",
+            f"at most {diameter / LEAST_VOXELS:.4g} um ({LEAST_VOXELS} voxels a grain); 16 a grain are usual",
+        )
     if edge < LEAST_GRAINS * diameter:
         raise InputError(
             "scene.edge_um",

@@ -10,7 +10,7 @@ import pandas as pd
 
 from grainfall.grains import Library
 from grainfall.packing.densify import match_density
-from grainfall.packing.deposition import Box, deposit
+from grainfall.packing.deposition import Box, deposit, solid_fraction
 from grainfall.packing.mixing import Mixture, draw_zones
 from grainfall.packing.overgrowth import Overgrowth
 from grainfall.packing.parameters import Parameters
@@ -149,7 +149,8 @@ def let_rest(
     -------
     bodies : DataFrame
     report : dict
-        That of the packing with its rest, forces and overlaps; ``wall_s`` of both.
+        That of the packing with its rest, forces, overlaps and solid fraction; ``wall_s`` of both. The height
+        of the surface is that of the bed as poured.
     """
     bodies, report = packing
     bodies, found = settle(bodies, library, box_of(scene), parameters, taps=taps, progress=progress)
@@ -157,6 +158,7 @@ def let_rest(
         **report,
         "rest": {k: found[k] for k in RESTED},
         "settled": found["moved_mean"],
+        "solid_fraction": solid_fraction(bodies, box_of(scene)),
         "asleep": int(bodies["asleep"].sum()),
         "wall_s": report["wall_s"] + found["wall_s"],
         **{k: found[k] for k in ("forces", "escaped", "max_overlap", "mean_overlap")},
@@ -256,7 +258,7 @@ def plan_deficit(
         called for them, so that they keep their share); and void_shapes: on, forced, called_for, reason.
     """
     target_porosity = scene["porosity_target"]
-    wanted = overgrowth.porosity_before(target_porosity)
+    wanted = overgrowth.porosity_before(target_porosity, porosity_first)
     if target_porosity <= porosity_first + limit:
         wanted = min(wanted, max(target_porosity, porosity_first))
     fill = wanted - target_porosity
