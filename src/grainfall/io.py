@@ -127,6 +127,10 @@ def write_table(path: str | Path, table: pd.DataFrame) -> None:
         table.to_csv(part, index=False, lineterminator="\n")
 
 
+NAMES = ("sample", "variant")
+"""Columns of tables that hold names, whatever they look like: ``001``, ``1e3`` and ``NA`` are names, too."""
+
+
 def read_table(path: str | Path) -> pd.DataFrame:
     """Read a CSV table with its columns as they are named in results/README.md.
 
@@ -136,7 +140,8 @@ def read_table(path: str | Path) -> pd.DataFrame:
         When the file is missing or no table.
     """
     with _reading(path, "table"):
-        return pd.read_csv(path, float_precision="round_trip")
+        # missing figures are empty cells and nothing else
+        return pd.read_csv(path, dtype=dict.fromkeys(NAMES, str), keep_default_na=False, na_values=[""])
 
 
 def write_arrays(path: str | Path, arrays: Mapping[str, np.ndarray], *, compressed: bool = True) -> None:

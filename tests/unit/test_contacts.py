@@ -72,6 +72,17 @@ def test_two_spheres(gap):
     assert contacts.max_overlap(table, library()) == pytest.approx(max(-gap, 0) / 1.0, abs=1e-9)
 
 
+@pytest.mark.parametrize("factor", [0.9, 1.1])
+def test_a_contact_goes_with_its_grains_however_unequal(factor):
+    """Room for rims shrinks a bed about its middle: what touched touches in the shrunk place."""
+    centres = np.array([[5, 5, 5], 5 + 4 * np.array([1.0, 2.0, -2.0]) / 3])
+    table = bodies(centres, scale=[3.0, 1.0])
+    moved = bodies(9 + factor * (centres - 9), scale=[3.0 * factor, factor])
+    pair = contacts.find_contacts(moved, library(), None, 1.0, packed=table).loc[0]
+    expected = 9 + factor * (5 + 3 * np.array([1.0, 2.0, -2.0]) / 3 - 9)
+    assert pair[["x", "y", "z"]].to_numpy(float) == pytest.approx(expected)
+
+
 @pytest.mark.parametrize("gap", [0.1, 0.0, -0.05])
 def test_two_boxes_face_to_face(gap):
     table = bodies([[0, 0, 0], [0.4, 0.3, 4 + gap]], scale=2.0, shape=0)

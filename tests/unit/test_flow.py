@@ -204,6 +204,10 @@ def test_mistakes_are_named():
         flow.permeability(np.ones((2, 2, 2)), 1.0, "guess")
     with pytest.raises(InputError, match="unknown conductance"):
         flow.permeability(np.ones((2, 2, 2)), 1.0, conductance="guess")
+    for method in flow.METHODS:
+        for shape in ((4, 4), (0, 4, 4)):
+            with pytest.raises(InputError, match="give a volume"):
+                flow.permeability(np.zeros(shape), 1.0, method)
 
 
 def test_rounding_eats_no_conductance_of_a_chain():

@@ -12,6 +12,13 @@ from grainfall import io
 from grainfall.errors import InputError
 
 
+def test_names_stay_what_they_are(tmp_path):
+    names = ["001", "1", "NA", "nan", "true", "1e3", "None"]
+    table = pd.DataFrame({"sample": names, "variant": names[::-1], "k_md": [1.5, np.nan, 3, 4, 5, 1 / 3, 7]})
+    io.write_table(tmp_path / "t.csv", table)
+    pd.testing.assert_frame_equal(io.read_table(tmp_path / "t.csv"), table, check_exact=True)
+
+
 @pytest.fixture
 def volume():
     return np.arange(60, dtype=np.uint8).reshape(3, 4, 5)

@@ -284,6 +284,25 @@ def test_colour(tmp_path, name, channels, kind):
     refuse("one grey or label channel", save(tmp_path / name, image), kind, 1)
 
 
+@pytest.mark.parametrize("depth", [1, 2, 4])
+def test_grey_of_few_bits_is_read_as_stored(tmp_path, depth):
+    """Pillow writes no such files; label maps of three minerals come so."""
+    stored = np.arange(2**depth, dtype=np.uint8).repeat(8).reshape(-1, 8)
+    bits = np.unpackbits(stored[..., None], axis=-1)[..., -depth:].reshape(len(stored), -1)
+    lines = b"".join(b"\0" + np.packbits(line).tobytes() for line in bits)
+
+    def chunk(name, content):
+        return (
+            struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
+        )
+
+    head = struct.pack(">IIBBBBB", 8, len(stored), depth, 0, 0, 0, 0)
+    parts = chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(lines)) + chunk(b"IEND", b"")
+    (tmp_path / "few.png").write_bytes(b"\x89PNG\r\n\x1a\n" + parts)
+    phases = ["pore", *(f"m{i}" for i in range(1, 2**depth))]
+    np.testing.assert_array_equal(read_section(tmp_path / "few.png", "phases", 1, phases).phase, stored)
+
+
 def test_phase_mistakes(tmp_path):
     path = save(tmp_path / "a.png", VALUES)
     refuse(
@@ -300,6 +319,7 @@ def test_phase_mistakes(tmp_path):
     refuse("twice", path, "phases", 1, ["pore", "a", "a"])
     refuse("0.5 is no value", path, "phases", 1, {"pore": 0.5, "quartz": 1})
     refuse("'x' is no value", path, "phases", 1, {"pore": "x", "quartz": 1})
+    refuse("no phase has an image value", path, "phases", 1, {"pore": None, "quartz": None})
     refuse("no name", path, "phases", 1, {0: "pore", 1: "quartz"})
     refuse("no list", path, "phases", 1, "pore")
     refuse("'fases' is unknown", path, "fases", 1)

@@ -74,7 +74,13 @@ def test_target_porosity_and_where_it_comes_from(over, target, source):
 
 
 @pytest.mark.parametrize(
-    ("over", "words"), [({"edge_um": 30.0}, "edge_um"), ({"voxel_size_um": 1e-3}, "voxel_size_um")]
+    ("over", "words"),
+    [
+        ({"edge_um": 30.0}, "edge_um"),
+        ({"voxel_size_um": 1e-3}, "voxel_size_um"),
+        ({"voxel_size_um": 20.0}, "1.3 voxels across the mean grain of 26.67 um; at most 6.667"),
+        ({"voxels_per_grain": 2}, "2 voxels across"),
+    ],
 )
 def test_infeasible_regions_are_refused(over, words):
     with pytest.raises(InputError, match=words):

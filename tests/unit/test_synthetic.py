@@ -66,6 +66,8 @@ def test_same_seed_same_rock(truth):
         ({"packed_porosity": 0.4, "porosity": 0.3}, "dissolution opens pores only"),
         ({"porosity": 0.5, "dissolved": 0.1}, "dissolved"),
         ({"shape": (16, 16, 16)}, "largest grains wide"),
+        # a vug in mm would be drawn for ever
+        ({"porosity": 0.6, "vug_radius_um": 1e-3}, "vug_radius_um.*once in"),
     ],
 )
 def test_refuses_what_cannot_be_made(change, words):

@@ -69,6 +69,8 @@ def test_same_numbers_same_scan(balls):
 def test_too_coarse_is_refused(balls):
     with pytest.raises(InputError, match="at least 8"):
         scan(balls, binning=16)
+    with pytest.raises(InputError, match="at least 8"):
+        scan(balls, binning=0)
 
 
 def test_a_published_volume_is_known_by_its_checksum(tmp_path):

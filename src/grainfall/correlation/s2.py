@@ -97,7 +97,8 @@ def s2_of_slices(
     Returns
     -------
     DataFrame
-        slice (number), axis (the normal: z, y or x), lag_um, s2 (both in-plane axes pooled).
+        slice (number), axis (the normal: z, y or x), lag_um, s2 (both in-plane axes pooled); no rows of no
+        slices.
     """
     max_lag = min(volume.shape) // 2 if max_lag is None else max_lag
     lag_um = np.arange(max_lag + 1) * float(voxel_size_um)
@@ -112,6 +113,9 @@ def s2_of_slices(
         )
         for i, (axis, index) in enumerate(slices)
     ]
+    if not curves:
+        whole, real = np.empty(0, int), np.empty(0)
+        return pd.DataFrame({"slice": whole, "axis": real.astype(str), "lag_um": real, "s2": real})
     return pd.concat(curves, ignore_index=True)
 
 
@@ -278,7 +282,7 @@ def _counts_along(indicator: np.ndarray, axis: int, max_lag: int, periodic: bool
     n = indicator.shape[axis]
     if not 0 <= max_lag < n:
         raise ValueError(f"largest lag {max_lag} does not fit in {n} pixels")
-    lines = np.moveaxis(indicator, axis, -1)
+    lines = np.atleast_2d(np.moveaxis(indicator, axis, -1))
     size = n if periodic else fft.next_fast_len(n + max_lag, real=True)
     power = np.zeros(size // 2 + 1)
     # Planes by planes, so that no transform of the whole volume is ever held.

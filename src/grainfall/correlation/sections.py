@@ -45,7 +45,7 @@ def common_window(
     volume_shape: tuple[int, int, int],
     voxel_size_um: float,
 ) -> Window:
-    """The largest window, at the coarser pixel size, that fits in the section and in a slice along any axis.
+    """The largest window, at the coarser pixel size, that the section and the volume's shortest edge hold.
 
     Parameters
     ----------

@@ -91,12 +91,14 @@ def permeability(
     Raises
     ------
     InputError
-        For an unknown method or conductance.
+        For an unknown method or conductance, and for what is no volume.
     """
     for name, value, known in (("method", method, METHODS), ("conductance", conductance, CONDUCTANCES)):
         if value not in known:
             raise InputError(f"flow {name}", f"unknown {name} {value!r}", f"choose one of {', '.join(known)}")
     pore = np.asarray(pore).astype(bool, copy=False)
+    if pore.ndim != 3 or not pore.size:
+        raise InputError("pore", f"an image of shape {pore.shape}", "give a volume (z, y, x)")
     if pore.all():
         return _table(method, [(np.nan, 1.0, 0.0)] * 3)
     begin = time.perf_counter()

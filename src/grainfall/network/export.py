@@ -38,8 +38,11 @@ def save_openpnm(network: Network, path: str | Path) -> None:
     with atomic_path(path) as part:
         # OpenPNM appends .csv where it is not there.
         named = part.with_name(f"{part.name}.csv")
-        openpnm.io.network_to_csv(to_openpnm(network), filename=str(named))
-        named.replace(part)
+        try:
+            openpnm.io.network_to_csv(to_openpnm(network), filename=str(named))
+            named.replace(part)
+        finally:
+            named.unlink(missing_ok=True)
 
 
 def save(network: Network, pores_csv: str | Path, throats_csv: str | Path) -> None:
@@ -105,8 +108,11 @@ def save_vtp(network: Network, path: str | Path) -> None:
     with atomic_path(path) as part:
         # PyVista tells the format by the suffix.
         named = part.with_suffix(".vtp")
-        mesh.save(str(named))
-        named.replace(part)
+        try:
+            mesh.save(str(named))
+            named.replace(part)
+        finally:
+            named.unlink(missing_ok=True)
 
 
 def save_statoil(network: Network, prefix: str | Path, size_um: tuple[float, float, float]) -> None:

@@ -91,7 +91,7 @@ def plan_scene(
     edge = edge_um or edge_grains * diameter
     voxel = voxel_size_um or (diameter / voxels_per_grain if voxels_per_grain else section["pixel_size_um"])
     n = max(1, round(edge / voxel))
-    if voxel * LEAST_VOXELS > diameter:
+    if voxel * LEAST_VOXELS > diameter * (1 + 1e-9):
         raise InputError(
             "scene.voxel_size_um",
             f"{voxel:.4g} um is {diameter / voxel:.2g} voxels across the mean grain of {diameter:.4g} um",

@@ -267,7 +267,7 @@ def _read_png(path: Path, head: bytes, ndim: int, indexed: bool, max_pixels: int
 
     if len(head) < 33 or head[12:16] != b"IHDR":
         raise InputError(path, "damaged or truncated file (no PNG header)", INTACT)
-    width, height, _, colour = struct.unpack(">IIBB", head[16:26])
+    width, height, depth, colour = struct.unpack(">IIBB", head[16:26])
     _check_declared(path, (height, width), np.dtype(np.uint8), ndim, max_pixels)
     if colour in _PNG_COLOUR:
         raise _colour(path, _PNG_COLOUR[colour])
@@ -277,7 +277,9 @@ def _read_png(path: Path, head: bytes, ndim: int, indexed: bool, max_pixels: int
         with Image.open(path) as image:
             image.verify()  # every chunk is there and its checksum holds
         with Image.open(path) as image:
-            return np.array(image)
+            # Pillow stretches grey of 2 or 4 bits over 0 to 255.
+            stretched = {2: 85, 4: 17}.get(depth, 1) if colour == 0 else 1
+            return np.array(image) // np.uint8(stretched) if stretched > 1 else np.array(image)
 
 
 def _read_tiff(path: Path, ndim: int, indexed: bool, max_pixels: int) -> np.ndarray:

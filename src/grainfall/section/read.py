@@ -297,6 +297,8 @@ def _declared(
                     f"phases: {name}", f"{value} is also {names[values[value]]}", "give each value one phase"
                 )
             values[int(value)] = label
+    if not values:
+        raise InputError("phases", "no phase has an image value", "give the values, or a list of names")
     return names, values, None
 
 

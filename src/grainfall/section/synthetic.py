@@ -23,6 +23,9 @@ from grainfall.errors import InputError
 EXPONENT = 3.0
 """Superellipsoid |u/a|^3 + |v/b|^3 + |w/c|^3 = 1: a block with rounded edges, between ball and box."""
 
+RAREST_VUG = 1e-3
+"""Share of random points within a vug's radius of a grain's centre below which drawing vugs would not end."""
+
 MOST_GROWTH = 1.6
 """Largest linear growth of a grain towards the porosity of the packed rock."""
 
@@ -347,6 +350,13 @@ def _dissolve_to(rng, porosity, vug_radius_um, box, centre, level, grain, levels
     volume = np.bincount(grain.ravel(), minlength=len(level) + 1)[1:]
     surplus = int(volume.sum()) - round((1 - porosity) * grain.size)
     tree = cKDTree(centre % box, boxsize=box)
+    hit = len(level) * 4 / 3 * np.pi * vug_radius_um**3 / box.prod()
+    if surplus > 0 and 0 < hit < RAREST_VUG:
+        raise InputError(
+            "synthetic.vug_radius_um",
+            f"a vug of {vug_radius_um:.4g} um meets a grain's centre once in {1 / hit:.2g} times",
+            "a radius about that of a grain or larger; 0 dissolves grains one by one",
+        )
     while surplus > 0:
         point = rng.random(3) * box
         alive = np.flatnonzero(level > 0)

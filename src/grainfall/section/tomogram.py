@@ -79,7 +79,7 @@ def simulate_tomogram(
     InputError
         When the volume is not a few voxels of the tomogram wide.
     """
-    edges = [n // binning for n in solid.shape]
+    edges = [n // max(binning, 1) for n in solid.shape]
     if binning < 1 or min(edges) < 8:
         raise InputError("tomogram.binning", f"{binning} leaves {edges} voxels", "at least 8 along each axis")
     rock = np.ascontiguousarray(solid[tuple(slice(0, n * binning) for n in edges)] > 0)
