@@ -21,4 +21,5 @@ with stage(snakemake) as progress:
     )
     write_section(snakemake.output.section, section)
     height, width = section.phase.shape
-    progress.say(f"{width} x {height} pixels, phases {', '.join(section.phases)}")
+    pores, names = (section.phase == 0).mean(), ", ".join(section.phases)
+    progress.say(f"{width} x {height} pixels, {pores:.1%} of them pore, phases {names}")

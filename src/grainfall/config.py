@@ -181,6 +181,8 @@ def check(content: object, schema: dict, where: str) -> None:
     if fault.validator == "enum":
         allowed = ", ".join(str(v) for v in fault.validator_value)
         raise InputError(place, f"{fault.instance!r} is not known", f"one of: {allowed}")
+    if fault.validator == "pattern":
+        raise InputError(place, f"{fault.instance!r} is not written as it has to be"[:200], note)
     raise InputError(place, fault.message[:200], note)
 
 
@@ -221,6 +223,31 @@ def _switched(content: dict) -> dict:
     return {**content, "effects": effects}
 
 
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+"""A number as people write it; Python alone would also take 1_000 for 1000."""
+
+WORDS = {"null": ("null", None), "true": ("boolean", True), "false": ("boolean", False)}
+
+
+def _typed(content: dict, schema: dict) -> dict:
+    """``content`` with text read where the schema has no text: Snakemake's --config gives what lies within a
+    mapping as text, and to YAML 1e3 is a word. What cannot be read is left for the schema to refuse."""
+    typed = dict(content)
+    for key, value in content.items():
+        sub = schema.get("properties", {}).get(key, {})
+        kinds = sub.get("type", ())
+        kinds = {kinds} if isinstance(kinds, str) else {*kinds}
+        if isinstance(value, dict):
+            typed[key] = _typed(value, sub)
+        elif isinstance(value, str) and kinds and "string" not in kinds:
+            kind, plain = WORDS.get(value, ("", None))
+            if kind in kinds:
+                typed[key] = plain
+            elif kinds & {"number", "integer"} and NUMBER.fullmatch(value):
+                typed[key] = _number(value, key, "number" if "number" in kinds else "integer")
+    return typed
+
+
 def resolve(config: dict, schema: dict, presets: dict, where: str = "config") -> dict:
     """The config a run uses: defaults, under the preset, under the user's own values.
 
@@ -246,9 +273,12 @@ def resolve(config: dict, schema: dict, presets: dict, where: str = "config") ->
         On the first fault, variants' overrides included; where no preset holds the ``accuracy`` asked for.
     """
     _check_plain(config, where)
-    config = _switched(config)
+    config = _switched(_typed(config, schema))
     if isinstance(config.get("variants"), dict):
-        over = {k: _switched(v) if isinstance(v, dict) else v for k, v in config["variants"].items()}
+        over = {
+            k: _switched(_typed(v, schema)) if isinstance(v, dict) else v
+            for k, v in config["variants"].items()
+        }
         config = {**config, "variants": over}
     check(config, schema, where)
     if config.get("sweep"):
@@ -374,7 +404,7 @@ def synthesis(whole: dict, row: dict, schema: dict, where: str) -> dict:
     return merge(whole["synthetic"], row.get("synthetic"))
 
 
-def check_data(samples: dict[str, dict], data: dict) -> None:
+def check_data(samples: dict[str, dict], data: dict, *, files: bool = True) -> None:
     """Every sample of kind slice names an entry of ``data``; its source is an address or a file.
 
     Raises
@@ -389,7 +419,7 @@ def check_data(samples: dict[str, dict], data: dict) -> None:
             known = ", ".join(map(str, data)) or "none is there: add it"
             raise InputError(f"config: sample {name}", f"data '{row['data']}' is unknown", f"one of: {known}")
         source = data[row["data"]]["source"]
-        if not is_address(source):
+        if files and not is_address(source):
             _check_path(source, "source", f"config: data {row['data']}")
 
 
@@ -398,7 +428,7 @@ def is_address(source: str) -> bool:
     return source.startswith(("http://", "https://"))
 
 
-def samples_of(whole: dict, schema: dict, sample_schema: dict) -> dict[str, dict]:
+def samples_of(whole: dict, schema: dict, sample_schema: dict, *, files: bool = True) -> dict[str, dict]:
     """The samples of a resolved config, held against the rest of it.
 
     Parameters
@@ -407,6 +437,8 @@ def samples_of(whole: dict, schema: dict, sample_schema: dict) -> dict[str, dict
         As :func:`resolve` returns it.
     schema, sample_schema : dict
         JSON schemas of the config and of one sample.
+    files : bool
+        Whether the files that they name have to be there.
 
     Returns
     -------
@@ -418,14 +450,14 @@ def samples_of(whole: dict, schema: dict, sample_schema: dict) -> dict[str, dict
     InputError
         On the first fault.
     """
-    samples = read_samples(whole["samples"], sample_schema)
-    check_data(samples, whole["data"])
+    samples = read_samples(whole["samples"], sample_schema, files=files)
+    check_data(samples, whole["data"], files=files)
     for name, row in samples.items():
         synthesis(whole, row, schema, f"config: sample {name}")
     return samples
 
 
-def read_samples(samples: str | dict, schema: dict) -> dict[str, dict]:
+def read_samples(samples: str | dict, schema: dict, *, files: bool = True) -> dict[str, dict]:
     """The sample sheet as a mapping of name to values.
 
     Parameters
@@ -434,6 +466,8 @@ def read_samples(samples: str | dict, schema: dict) -> dict[str, dict]:
         Path of a TSV sheet with a column ``sample``, or the same as a mapping.
     schema : dict
         JSON schema of one sample.
+    files : bool
+        Whether the files that they name have to be there.
 
     Returns
     -------
@@ -452,7 +486,7 @@ def read_samples(samples: str | dict, schema: dict) -> dict[str, dict]:
                 raise InputError(where, f"sample '{key}' stands there twice", "unique names")
             if not isinstance(row, dict | None):
                 raise InputError(f"{where}: {key}", f"{row!r} is no sample"[:200], "give it as key: value")
-            rows[str(key)] = dict(row or {})
+            rows[str(key)] = _typed(row or {}, schema)
     else:
         where, rows = samples, _read_sheet(samples, "sample", schema["properties"])
     folded: dict[str, str] = {}
@@ -462,7 +496,7 @@ def read_samples(samples: str | dict, schema: dict) -> dict[str, dict]:
         if (other := folded.setdefault(name.lower(), name)) != name:
             raise InputError(where, f"samples '{other}' and '{name}' differ in case only", "distinct names")
         check(row, schema, f"{where}: sample {name}")
-        _check_sample(row, f"{where}: sample {name}")
+        _check_sample(row, f"{where}: sample {name}", files)
         rows[name] = canonical(fill(row, schema))
     return rows
 
@@ -506,8 +540,7 @@ def _read_sheet(path: str, first: str, known: dict[str, dict]) -> dict[str, dict
 
 
 def _number(text: str, where: str, kind: str) -> float | int:
-    # Python alone would also take 1_000 for 1000
-    if not re.fullmatch(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", text, re.ASCII):
+    if not NUMBER.fullmatch(text):
         wrong = "is not finite" if re.fullmatch(r"[+-]?(nan|inf(inity)?)", text, re.I) else "is not a number"
         raise InputError(where, f"'{text}' {wrong}"[:200], "a plain number")
     if kind == "integer" and re.fullmatch(r"[+-]?\d{1,18}", text):
@@ -518,7 +551,7 @@ def _number(text: str, where: str, kind: str) -> float | int:
     return int(value) if kind == "integer" and value.is_integer() else value
 
 
-def _check_sample(row: dict, where: str) -> None:
+def _check_sample(row: dict, where: str, files: bool) -> None:
     if "pixel_size_um" not in row and row["kind"] != "slice":
         raise InputError(where, "pixel_size_um is missing", "the edge of a pixel in micrometres")
     parse_phases(row.get("phases"))
@@ -532,7 +565,7 @@ def _check_sample(row: dict, where: str) -> None:
     if not row.get("image"):
         raise InputError(where, "image is missing", "the path of the section")
     for key in ("image", "grey", "reference"):
-        if row.get(key):
+        if files and row.get(key):
             _check_path(row[key], key, where)
     if row.get("reference") and "reference_voxel_size_um" not in row:
         raise InputError(where, "reference_voxel_size_um is missing", "the edge of a voxel in micrometres")
@@ -540,7 +573,7 @@ def _check_sample(row: dict, where: str) -> None:
 
 def _check_path(path: str, key: str, where: str) -> None:
     """A file or a folder that is there; a pipe or a device would be waited for without end."""
-    right = "a path from the working directory"
+    right = f"a path from {Path.cwd()}"
     try:
         found = Path(path)
         if not found.exists():
@@ -561,14 +594,19 @@ def parse_phases(text: str | None) -> dict[str, int] | list[str] | None:
     Raises
     ------
     InputError
-        When some names have a value and others have not, or a name stands there twice.
+        When some names have a value and others have not, a value is no whole number, or a name stands there
+        twice.
     """
     if not text:
         return None
-    pairs = [part.partition("=") for part in text.split(";")]
+    pairs = [[word.strip() for word in part.partition("=")] for part in text.split(";")]
     names = [name for name, _, _ in pairs]
     if len(set(names)) < len(names):
         raise InputError(f"phases '{text}'", "a name stands there twice", "unique names")
     if len({sign for _, sign, _ in pairs}) > 1:
         raise InputError(f"phases '{text}'", "some names have a value and some have not", "all or none")
+    for name, sign, value in pairs:
+        if sign and not re.fullmatch(r"[0-9]+", value, re.ASCII):
+            wrong = f"the value of {name}, '{value}', is no whole number"
+            raise InputError(f"phases '{text}'", wrong, "phases apart by ;, as pore=0;quartz=1")
     return {name: int(value) for name, _, value in pairs} if pairs[0][1] else names

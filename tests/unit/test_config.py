@@ -52,6 +52,21 @@ def test_precedence(schema, presets):
     assert config.variant(whole, "b")["scene"]["edge_grains"] == whole["scene"]["edge_grains"]
 
 
+def test_text_from_the_command_line_is_read_as_what_the_schema_asks_for(schema, sample_schema, presets):
+    """Snakemake's --config gives the values of a mapping as text; to YAML 1e3 is a word."""
+    asked = {"scene": {"edge_um": "1e3", "porosity": "null"}, "realizations": "3", "seed": "12"}
+    variants = {"a": {"scene": {"voxel_size_um": "2.5"}}}
+    whole = config.resolve({"samples": "s.tsv", **asked, "variants": variants}, schema, presets)
+    assert (whole["scene"]["edge_um"], whole["scene"]["porosity"]) == (1000, None)
+    assert (whole["realizations"], whole["seed"]) == (3, 12)
+    assert whole["variants"]["a"]["scene"]["voxel_size_um"] == 2.5
+    rows = config.read_samples({"x": {"kind": "synthetic", "pixel_size_um": "1e-1"}}, sample_schema)
+    assert rows["x"]["pixel_size_um"] == 0.1
+    for wrong in ("wide", "1_000", "nan", ""):
+        with pytest.raises(InputError, match="edge_um"):
+            config.resolve({"samples": "s.tsv", "scene": {"edge_um": wrong}}, schema, presets)
+
+
 def reworded(content):
     """The same values with the keys in another order, and with a point in whole numbers."""
     if isinstance(content, dict):
@@ -213,6 +228,9 @@ def test_phases():
     assert config.parse_phases("pore=0;quartz=128") == {"pore": 0, "quartz": 128}
     assert config.parse_phases("pore;quartz") == ["pore", "quartz"]
     assert config.parse_phases("") is None
+    assert config.parse_phases("pore = 0; quartz = 128 ") == {"pore": 0, "quartz": 128}
+    with pytest.raises(InputError, match="value of quartz, '1,clay=2', is no whole number"):
+        config.parse_phases("pore=0;quartz=1,clay=2")
     for bad in ("pore=0;quartz", "pore;pore"):
         with pytest.raises(InputError):
             config.parse_phases(bad)

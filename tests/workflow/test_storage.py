@@ -3,6 +3,7 @@
 import shutil
 
 import boto3
+import numpy as np
 import pytest
 from moto.server import ThreadedMotoServer
 
@@ -36,6 +37,17 @@ def store(request, tmp_path, monkeypatch):
         lambda name: client.get_object(Bucket="twins", Key=name)["Body"].read(),
     )
     server.stop()
+
+
+def test_the_users_image_is_read_where_it_lies(tmp_path, store):
+    y, x = np.mgrid[:120, :120] % 20 - 10
+    provider, _ = store
+    sample = {"image": "rock.npy", "kind": "binary", "pixel_size_um": 2.0}
+    folder = write_config(tmp_path / "work", {**TINY, "samples": {"rock": sample}})
+    np.save(folder / "rock.npy", np.hypot(y, x) < 8)
+    target = "results/rock/section.json"
+    done = snakemake(folder, "--default-storage-provider", *provider, "--", target)
+    assert done.returncode == 0, done.stdout[-4000:]
 
 
 def test_storage_elsewhere_takes_the_results(finished, tmp_path, store):

@@ -226,6 +226,24 @@ def test_second_run_does_nothing(finished):
         write_config(finished, TINY)
 
 
+@pytest.mark.parametrize(
+    ("gone", "again"),
+    [
+        ("tiny/full/1/twin.zarr.zip", "twin"),
+        ("tiny/full/0/bodies.csv", "twin"),
+        ("tiny/full/1/flow.csv", "flow"),
+        ("tiny/full/0/network_throats.csv", "network"),
+        ("tiny/labels.zarr.zip", "morphology"),
+        ("tiny/section.zarr.zip", "synthesise"),
+    ],
+)
+def test_what_is_deleted_is_made_again(finished, tmp_path, gone, again):
+    """As the message of a damaged file asks for."""
+    folder = shutil.copytree(finished, tmp_path / "damaged")
+    (folder / "results" / gone).unlink()
+    assert planned(folder).get(again) == 1
+
+
 def test_a_sweep_of_parameters_grows_by_its_rows(finished, tmp_path):
     folder = shutil.copytree(finished, tmp_path / "sweep")
     write_config(folder, {**TINY, "sweep": "sweep.tsv"})

@@ -334,7 +334,9 @@ def users_file(key):
     """
 
     def of(wildcards):
-        return SAMPLES[wildcards.sample].get(key) or []
+        # the user's own files are here, also where results are elsewhere
+        path = SAMPLES[wildcards.sample].get(key)
+        return local(path) if path else []
 
     return of
 
@@ -366,6 +368,27 @@ def twins(path, **wildcards):
         **wildcards,
     }
     return expand(f"{TWIN}/{path}", **chosen)
+
+
+KEPT_OF_SAMPLE = (
+    "section.zarr.zip",
+    "labels.zarr.zip",
+    "grains2d.csv",
+    "pores2d.csv",
+    "sizes.csv",
+)
+KEPT_OF_TWIN = (
+    "twin.zarr.zip",
+    "bodies.csv",
+    "contacts.csv",
+    "s2_slices.csv",
+    "s2_volume.csv",
+    "network_pores.csv",
+    "network_throats.csv",
+    "flow.csv",
+    "metrics.csv",
+    "plan.json",
+)
 
 
 def where_referenced(path):
@@ -443,7 +466,7 @@ def sliced_measurements(wildcards):
 def data_source(wildcards):
     """The file as it was published: from this machine, or through Snakemake's storage."""
     source = CONFIG["data"][wildcards.data]["source"]
-    return storage.http(source) if sheet.is_address(source) else source
+    return storage.http(source) if sheet.is_address(source) else local(source)
 
 
 # ---- the validation cases

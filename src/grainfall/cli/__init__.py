@@ -46,6 +46,10 @@ def run(arguments: list[str]) -> int:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except PermissionError as fault:
+        return _say(
+            f"{fault.filename}: may not be read or written; give yourself the right, or another place", 1
+        )
     except Exception as fault:
         if os.environ.get(TRACE):
             raise

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 import tempfile
 import webbrowser
@@ -100,6 +101,8 @@ def run(
     if cores != "all" and not (cores.isdigit() and int(cores) > 0):
         raise InputError("--cores", f"'{cores}' is no number of cores", "a positive number, or all")
     opened = studies.open_study(study)
+    if not os.access(opened.folder, os.W_OK):
+        raise InputError(opened.folder, "may not be written to", "a folder of your own; results go into it")
     if dry_run:
         left = studies.jobs_left(opened)
         out.print(_jobs(left), markup=False)
@@ -137,7 +140,7 @@ def status(study: Folder = Path(".")) -> None:
     from grainfall import io
     from grainfall.cli import study as studies
 
-    opened = studies.open_study(study)
+    opened = studies.open_study(study, files=False)
     table = Table("twin", *STAGES, box=SIMPLE, title=str(opened.folder))
     for sample, variant, n in opened.twins:
         files = (
@@ -155,6 +158,9 @@ def status(study: Folder = Path(".")) -> None:
         out.print(figures)
     if opened.locked:
         out.print("A run is going on, or one was killed (then: grainfall run --unlock).", markup=False)
+    if not os.access(opened.folder, os.W_OK):
+        out.print("The folder may not be written to, so what is left to do cannot be told.", markup=False)
+        return
     out.print(_jobs(studies.jobs_left(opened)), markup=False)
 
 
@@ -176,7 +182,7 @@ def view(
     """Open the report in the browser: verdicts, figures, tables, the twin in 3D, phases and network."""
     from grainfall.cli import study as studies
 
-    opened = studies.open_study(study)
+    opened = studies.open_study(study, files=False)
     report = opened.results / "report.html"
     if not report.is_file():
         raise InputError(report, "there is no report yet", f"grainfall run {study} makes it")
@@ -203,7 +209,7 @@ def export(
     from grainfall.cli import study as studies
     from grainfall.export import FORMATS, Twin, export_twin
 
-    opened = studies.open_study(study)
+    opened = studies.open_study(study, files=False)
     if not format:
         table = Table("format", "files", "what", box=SIMPLE)
         for name, kind in FORMATS.items():

@@ -222,9 +222,11 @@ def write_study(
     check_free(folder, found.image, force)
     name = re.sub(r"[^A-Za-z0-9_-]+", "-", folder.resolve().name).strip("-")[:64]
     name = "rock" if not name or name in sheet.RESERVED else name
-    image = folder / found.image.name
-    text = config_text(name, {"image": image.name, **found.row}, found)
+    image = folder / re.sub(r"[{}]", "_", found.image.name)  # braces mark wildcards to Snakemake
+    row = {"image": image.name, **found.row}
+    text = config_text(name, row, found)
     resolved(yaml.safe_load(text), "config.yaml")
+    sheet.check(row, schema("samples"), "sample")
     folder.mkdir(parents=True, exist_ok=True)
     if found.image.resolve() != image.resolve():
         if found.image.is_dir():
@@ -313,7 +315,7 @@ def described(found: Findings) -> list[str]:
     errors = sampling_errors(found.section.phase)
     return [
         f"{found.image.name}: {width} x {height} pixels of {pixel:g} um.",
-        f"Taken for kind {found.kind}: {found.reason}.",
+        f"Taken for kind {found.kind}: {found.reason}.{_pore_taken(found)}",
         f"Porosity {found.summary['porosity']:.4f}; of the solid: {shares}.",
         f"{found.summary['n_grains']} grains, {found.summary['n_grains_uncut']} of them whole; mean radius "
         f"{found.radius2d_um:.3g} um in the section, {found.radius3d_um:.3g} um in space.",
@@ -324,6 +326,15 @@ def described(found: Findings) -> list[str]:
         f"That is a fit to {SOURCE}; each twin there is within a factor of {cost.factor:.2g} of what the "
         f"others let expect of it.{beyond}",
     ]
+
+
+def _pore_taken(found: Findings) -> str:
+    """What was taken for the pore where nobody said it: images of bright pores are as common."""
+    if {"pore_value", "phases"} & found.row.keys():
+        return ""
+    if found.kind == "binary":
+        return " The lower value is taken for the pore; if it is the other, say --pore-value."
+    return " The darkest class is taken for the pore." if found.kind == "grey" else ""
 
 
 def duration(seconds: float) -> str:

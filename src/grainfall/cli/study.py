@@ -84,8 +84,8 @@ class Study:
         return locks.is_dir() and any(locks.iterdir())
 
 
-def open_study(folder: str | Path) -> Study:
-    """Read the config of a study.
+def open_study(folder: str | Path, *, files: bool = True) -> Study:
+    """Read the config of a study; whether the files that its samples name are there matters to runs only.
 
     Raises
     ------
@@ -93,13 +93,13 @@ def open_study(folder: str | Path) -> Study:
         When there is no config, or at the first fault in it: before any job runs.
     """
     folder = Path(folder).resolve()
-    files = [folder / name for name in CONFIGS if (folder / name).is_file()]
-    if not files:
+    configs = [folder / name for name in CONFIGS if (folder / name).is_file()]
+    if not configs:
         raise InputError(folder, "holds no config.yaml", "grainfall new STUDY makes one")
     with contextlib.chdir(folder):
-        config = resolved(sheet.load_yaml(files[0]), files[0].name)
-        samples = sheet.samples_of(config, schema("config"), schema("samples"))
-        return Study(folder, files[0], config, samples)
+        config = resolved(sheet.load_yaml(configs[0]), configs[0].name)
+        samples = sheet.samples_of(config, schema("config"), schema("samples"), files=files)
+        return Study(folder, configs[0], config, samples)
 
 
 def schema(name: str) -> dict:
