@@ -15,14 +15,14 @@ import yaml
 from grainfall import config as sheet
 from grainfall import io, morphology, packing, stereology
 from grainfall.cli.costs import SOURCE, Cost, Costs
-from grainfall.cli.study import CONFIGS, resolved, schema
+from grainfall.cli.study import CONFIGS, house, resolved, schema
 from grainfall.errors import InputError
 from grainfall.section import Section, guess_kind, read_section
 from grainfall.surface import left_open, sampling_errors
 
 LENGTHS_UM = {"": 1.0, "um": 1.0, "µm": 1.0, "μm": 1.0, "nm": 1e-3, "mm": 1e3}
 VOXELS_A_GRAIN = 16
-"""Across the mean grain; README, 621 spheres: permeability at 16 is 5 % below that at 24 voxels."""
+"""Across the mean grain; docs/measured.md, 621 spheres: permeability at 16 is 5 % below that at 24 voxels."""
 LARGE_GRAINS = 4
 """Large grains that fit side by side in the box."""
 PATIENCE_S = 2 * 3600
@@ -148,9 +148,9 @@ def look(
     if preset is None:
         preset = "standard" if cost_of("standard").cpu_s <= PATIENCE_S else "draft"
     elif preset not in costs.presets:
-        raise InputError(
-            "--preset", f"what '{preset}' costs has not been measured", " or ".join(costs.presets)
-        )
+        known = preset in sheet.load_yaml(house() / "config/presets.yaml")
+        wrong = f"what '{preset}' costs has not been measured" if known else f"'{preset}' is not known"
+        raise InputError("--preset", wrong, " or ".join(costs.presets))
     given = {"phases": phases, "pore_value": pore_value, "array": array}
     row = {"kind": kind, "pixel_size_um": pixel_size_um} | {k: v for k, v in given.items() if v is not None}
     return Findings(
