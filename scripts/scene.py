@@ -14,5 +14,6 @@ with stage(snakemake) as progress:
     )
     io.write_json(snakemake.output.scene, scene)
     progress.say(
-        "{shape_zyx} voxels of {voxel_size_um:.4g} um, target porosity {porosity_target:.4f}".format(**scene)
+        "{shape_zyx} voxels of {voxel_size_um:.4g} um, {across:.3g} across the mean grain, target porosity "
+        "{porosity_target:.4f}".format(**scene, across=scene["mean_diameter_um"] / scene["voxel_size_um"])
     )

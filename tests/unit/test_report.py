@@ -602,6 +602,12 @@ def test_what_the_section_leaves_open_is_said():
     assert headline([metrics_table(blank)]) == []
 
 
+@pytest.mark.parametrize(("across", "said"), [(7.9, True), (8.0, False)])
+def test_few_voxels_a_grain_are_said(across, said):
+    lines = headline([metrics_table({"voxels_per_grain": across})])
+    assert any("7.9 voxels across" in line for line in lines) == said
+
+
 def test_judgements_in_plain_words():
     assert words({"porosity": 0.371, "porosity_target": 0.309})["porosity"] == (
         "missed",
