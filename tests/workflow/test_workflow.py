@@ -4,6 +4,7 @@ import copy
 import json
 import re
 import shutil
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -235,13 +236,20 @@ def test_second_run_does_nothing(finished):
         ("tiny/full/0/network_throats.csv", "network"),
         ("tiny/labels.zarr.zip", "morphology"),
         ("tiny/section.zarr.zip", "synthesise"),
+        ("tiny/grains3d", "grain_library"),
     ],
 )
 def test_what_is_deleted_is_made_again(finished, tmp_path, gone, again):
     """As the message of a damaged file asks for."""
     folder = shutil.copytree(finished, tmp_path / "damaged")
-    (folder / "results" / gone).unlink()
+    gone = folder / "results" / gone
+    shutil.rmtree(gone) if gone.is_dir() else gone.unlink()
     assert planned(folder).get(again) == 1
+
+
+def test_a_copy_that_looks_new_is_done(finished, tmp_path):
+    subprocess.run(["cp", "-r", finished, tmp_path / "copied"], check=True)  # copytree keeps dates of folders
+    assert planned(tmp_path / "copied") == {}
 
 
 def test_a_sweep_of_parameters_grows_by_its_rows(finished, tmp_path):

@@ -48,7 +48,8 @@ rule accuracy_sweep:
 rule observe_first:
     input:
         scene=f"{VARIANT}/scene.json",
-        library=f"{SAMPLE}/grains3d",
+        library=ancient(f"{SAMPLE}/grains3d"),
+        library_record=f"{SAMPLE}/logs/grain_library.json",
         bodies=f"{TWIN}/first/bodies.csv",
         forces=f"{TWIN}/first/forces.csv",
         benchmarks=timed("first_packing"),

@@ -376,6 +376,7 @@ KEPT_OF_SAMPLE = (
     "grains2d.csv",
     "pores2d.csv",
     "sizes.csv",
+    "grains3d",
 )
 KEPT_OF_TWIN = (
     "twin.zarr.zip",

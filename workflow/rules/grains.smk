@@ -1,6 +1,8 @@
 """Grains: a library of 3D grains, each from three masks of the section."""
 
 
+# A folder has a date only, and one that was copied looks new. So who reads the library takes it for old, and goes by the
+# record, which says what is in it.
 rule grain_library:
     input:
         labels=f"{SAMPLE}/labels.zarr.zip",

@@ -409,7 +409,8 @@ use rule flow as reference_flow with:
 
 rule contacts:
     input:
-        library=f"{SAMPLE}/grains3d",
+        library=ancient(f"{SAMPLE}/grains3d"),
+        library_record=f"{SAMPLE}/logs/grain_library.json",
         packed=f"{TWIN}/second/bodies.csv",
         forces=f"{TWIN}/second/forces.csv",
         bodies=f"{TWIN}/bodies.csv",
@@ -436,7 +437,8 @@ rule contacts:
 rule resettling:
     input:
         scene=f"{VARIANT}/scene.json",
-        library=f"{SAMPLE}/grains3d",
+        library=ancient(f"{SAMPLE}/grains3d"),
+        library_record=f"{SAMPLE}/logs/grain_library.json",
         packed=f"{TWIN}/second/bodies.csv",
     output:
         change=f"{TWIN}/resettling.json",

@@ -29,7 +29,8 @@ rule first_packing:
     input:
         scene=f"{VARIANT}/scene.json",
         sizes=f"{SAMPLE}/sizes.csv",
-        library=f"{SAMPLE}/grains3d",
+        library=ancient(f"{SAMPLE}/grains3d"),
+        library_record=f"{SAMPLE}/logs/grain_library.json",
     output:
         bodies=f"{TWIN}/first/bodies.csv",
         forces=f"{TWIN}/first/forces.csv",
@@ -56,7 +57,8 @@ rule first_packing:
 rule deficit:
     input:
         scene=f"{VARIANT}/scene.json",
-        library=f"{SAMPLE}/grains3d",
+        library=ancient(f"{SAMPLE}/grains3d"),
+        library_record=f"{SAMPLE}/logs/grain_library.json",
         section_pores=f"{VARIANT}/section_pores2d.csv",
         section_surface=f"{VARIANT}/section_surface.json",
         volume=f"{TWIN}/first/volume.zarr.zip",
@@ -93,7 +95,8 @@ rule second_packing:
     input:
         scene=f"{VARIANT}/scene.json",
         sizes=f"{SAMPLE}/sizes.csv",
-        library=f"{SAMPLE}/grains3d",
+        library=ancient(f"{SAMPLE}/grains3d"),
+        library_record=f"{SAMPLE}/logs/grain_library.json",
         first=f"{TWIN}/first/bodies.csv",
         first_report=f"{TWIN}/first/packing.json",
         first_forces=f"{TWIN}/first/forces.csv",

@@ -214,7 +214,8 @@ rule provenance:
 rule figure:
     input:
         sizes=f"{SAMPLE}/sizes.csv",
-        library=f"{SAMPLE}/grains3d",
+        library=ancient(f"{SAMPLE}/grains3d"),
+        library_record=f"{SAMPLE}/logs/grain_library.json",
         second=f"{TWIN}/second/volume.zarr.zip",
         plan=f"{TWIN}/plan.json",
         metrics=f"{TWIN}/metrics.csv",

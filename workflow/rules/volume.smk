@@ -4,7 +4,8 @@
 rule packed_volume:
     input:
         scene=f"{VARIANT}/scene.json",
-        library=f"{SAMPLE}/grains3d",
+        library=ancient(f"{SAMPLE}/grains3d"),
+        library_record=f"{SAMPLE}/logs/grain_library.json",
         bodies=f"{TWIN}/{{packing}}/bodies.csv",
     output:
         volume=f"{TWIN}/{{packing}}/volume.zarr.zip",
@@ -27,7 +28,8 @@ rule packed_volume:
 rule twin:
     input:
         scene=f"{VARIANT}/scene.json",
-        library=f"{SAMPLE}/grains3d",
+        library=ancient(f"{SAMPLE}/grains3d"),
+        library_record=f"{SAMPLE}/logs/grain_library.json",
         bodies=f"{TWIN}/second/bodies.csv",
         packing=f"{TWIN}/second/packing.json",
         deficit=f"{TWIN}/deficit.json",
@@ -73,7 +75,8 @@ if SLABS > 1:
     rule twin_slab:
         input:
             scene=f"{VARIANT}/scene.json",
-            library=f"{SAMPLE}/grains3d",
+            library=ancient(f"{SAMPLE}/grains3d"),
+            library_record=f"{SAMPLE}/logs/grain_library.json",
             bodies=f"{TWIN}/bodies.csv",
             cement=f"{TWIN}/cement.json",
         output:
@@ -136,7 +139,8 @@ if SLABS > 1:
 
 rule export:
     input:
-        library=f"{SAMPLE}/grains3d",
+        library=ancient(f"{SAMPLE}/grains3d"),
+        library_record=f"{SAMPLE}/logs/grain_library.json",
         bodies=f"{TWIN}/bodies.csv",
         twin=f"{TWIN}/twin.zarr.zip",
         pores=f"{TWIN}/network_pores.csv",
