@@ -33,6 +33,7 @@ cases: $(addprefix case-,$(CASES)) $(if $(IMAGE),thin-section)  ## the validatio
 
 # What is finished goes into results/validation.html, also where the case stops half-way.
 case-%: $(VENV)/.ready  ## one case: make case-stereology; fewer twins: make case-stereology REALIZATIONS=1
+	@test -f "config/cases/$*.yaml" || { echo "there is no case $*: $(CASES)"; exit 1; }
 	$(SNAKEMAKE) --keep-going --configfile config/cases/$*.yaml \
 		$(if $(REALIZATIONS)$(and $(filter berea,$*),$(BEREA)),--config) \
 		$(if $(REALIZATIONS),realizations=$(REALIZATIONS)) \
