@@ -165,7 +165,7 @@ class TestPick:
         "asked",
         [
             {"metric": "k"},
-            {"metric": "k", "tolerance": "0.1"},
+            {"metric": "k", "tolerance": "much"},
             {"metric": "k", "tolerance": 0},
             {"metric": 3, "tolerance": 1},
             {"metric": "kk", "tolerance": 1},
