@@ -39,7 +39,7 @@ def interval_words(row: Mapping, digits: int = 3, unit: str = "") -> str:
         words += f" ({number(row['lower'], digits)} to {number(row['upper'], digits)})"
     n, sections = int(row["n"]), int(row["sections"])
     words += f" {unit}" if unit else ""
-    return words + f", n = {n} of " + (f"{sections} sections" if sections > 1 else "one section")
+    return words + f", n = {n} from " + (f"{sections} sections" if sections > 1 else "one section")
 
 
 def _within(row: Mapping | None, aim: float, tolerance: float) -> str:
