@@ -6,8 +6,10 @@ import pytest
 
 from grainfall.packing import Box, Parameters, deposit, settle
 from grainfall.packing.bed import Bed
+from grainfall.packing.deposition import solid_fraction
 from grainfall.packing.engine import Solid, start
 from grainfall.packing.rest import _draw_apart, relax
+from grainfall.packing.stages import let_rest
 
 ENGINES = ["physx", "bullet"]
 BOX = Box((300.0,) * 3, 50.0)
@@ -117,6 +119,18 @@ def test_energy_of_a_bed():
     bed.velocity[0] = [3.0, 0, 0]
     bed.spin[0] = [0, 2.0, 0]
     assert bed.energy() == pytest.approx(mass * (9.8 * 4.0 + 4.5 + 0.4 * 4 / 2))
+    # the paper's moments are (1, 1, 1) in the engine, so in its energy, too
+    bed.parameters = Parameters.named(density=1.0, inertia="paper")
+    assert bed.energy() == pytest.approx(mass * (9.8 * 4.0 + 4.5) + 4 / 2)
+
+
+def test_a_report_of_a_bed_that_came_to_rest_is_of_that_bed():
+    scene = {"edge_um": BOX.roi_um[0], "margin_um": BOX.margin_um}
+    loose = deposit(supply(), NoShapes, BOX, Parameters.named(), np.random.default_rng(1), rest=False)
+    report = loose.attrs["report"]
+    bodies, rested = let_rest((loose, report), scene, NoShapes, Parameters.named(), taps=20)
+    assert rested["solid_fraction"] == solid_fraction(bodies, BOX)
+    assert rested["solid_fraction"] > report["solid_fraction"] == solid_fraction(loose, BOX)
 
 
 @pytest.mark.parametrize("engine", ENGINES)

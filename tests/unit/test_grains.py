@@ -387,6 +387,10 @@ def test_library_is_reproducible_to_the_byte_and_survives_its_files(section, lib
     again.save(tmp_path / "b")
     for name in ("shapes.npz", "library.csv", "skipped.csv"):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+    arrays = io.read_arrays(tmp_path / "a/shapes.npz")
+    io.write_arrays(tmp_path / "b/shapes.npz", {k: v for k, v in arrays.items() if k != "faces"})
+    with pytest.raises(InputError, match="has no faces"):
+        grains.Library.load(tmp_path / "b")
     loaded = grains.Library.load(tmp_path / "a")
     assert len(loaded) == len(library)
     pd.testing.assert_frame_equal(loaded.table, library.table)

@@ -296,3 +296,13 @@ def test_each_zone_keeps_its_own_quota(share):
         counts = np.cumsum(zone.phase.to_numpy() == 1)
         wanted = mixture.probabilities[0] * np.arange(1, len(zone) + 1)
         assert np.abs(counts - wanted).max() <= 1
+
+
+@pytest.mark.parametrize("which", ["f3d", "f2d"])
+def test_dust_is_not_poured(which):
+    """Bins that begin at 0 let radii be nearly nothing; the smallest grain sets everybody's time step."""
+    small = Mixture({1: Uniform(0.0, 20.0)}, {1: 1.0}, which)
+    radii = small._radii(small.sizes[1], np.linspace(0, 1, 2001))
+    median = 10.0 * (0.5 if which == "f2d" else 1.0)
+    assert radii.min() == pytest.approx(0.02 * median)
+    assert np.median(radii) == pytest.approx(median)

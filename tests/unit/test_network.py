@@ -1,5 +1,7 @@
 """Pore networks: what is conserved and what must connect; topology and geometry of known shapes."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -461,3 +463,17 @@ def test_vtp(extracted, tmp_path):
     assert np.array_equal(back.cell_data["throat.half_lengths"], extracted["throat.half_lengths"])
     network.save_vtp(network.empty(), tmp_path / "nothing.vtp")
     assert pyvista.read(tmp_path / "nothing.vtp").n_points == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "writer"), [("openpnm", "openpnm.io.network_to_csv"), ("vtp", "pyvista.PolyData.save")]
+)
+def test_a_network_half_written_leaves_nothing(tmp_path, monkeypatch, name, writer):
+    def full(*arguments, **keywords):
+        Path(keywords.get("filename") or arguments[-1]).write_text("half")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(writer, full)
+    with pytest.raises(OSError, match="No space left"):
+        getattr(network, f"save_{name}")(network.empty(), tmp_path / f"net.{name}")
+    assert list(tmp_path.iterdir()) == []

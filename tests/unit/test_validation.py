@@ -12,7 +12,7 @@ from grainfall import io, surface
 from grainfall.report import save_figure
 from grainfall.report.claims import NOT_SHOWN, OPEN, SHOWN, claims, row_of
 from grainfall.report.figures import note_figure
-from grainfall.report.paper_figures import FIGURES
+from grainfall.report.paper_figures import FIGURES, Cases
 from grainfall.report.tables import t_interval
 from grainfall.report.validation import (
     COLUMNS,
@@ -303,3 +303,14 @@ def test_a_note_in_place_of_a_figure_is_said_and_not_shown(tmp_path):
     page = (tmp_path / "page.html").read_text()
     assert "Figure “sample2”: what it shows is not among the results." in page
     assert "<img" not in page
+
+
+def test_a_figure_asks_for_the_volumes_that_it_shows(tmp_path):
+    twin = tmp_path / "rock/full/0"
+    cases = Cases(tmp_path, {"berea": ["rock"]})
+    for name in ("metrics.csv", "twin.zarr.zip", "first/volume.zarr.zip", "second/volume.zarr.zip"):
+        assert cases.twin("berea", packings=True) is None
+        (twin / name).parent.mkdir(parents=True, exist_ok=True)
+        (twin / name).touch()
+        assert (cases.twin("berea") is None) == (name == "metrics.csv")
+    assert cases.twin("berea", packings=True) is not None

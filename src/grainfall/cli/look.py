@@ -15,7 +15,7 @@ import yaml
 from grainfall import config as sheet
 from grainfall import io, morphology, packing, stereology
 from grainfall.cli.costs import SOURCE, Cost, Costs
-from grainfall.cli.study import CONFIGS, house, resolved, schema
+from grainfall.cli.study import CONFIGS, resolved, schema
 from grainfall.errors import InputError
 from grainfall.section import Section, guess_kind, read_section
 from grainfall.surface import left_open, sampling_errors
@@ -148,7 +148,7 @@ def look(
     if preset is None:
         preset = "standard" if cost_of("standard").cpu_s <= PATIENCE_S else "draft"
     elif preset not in costs.presets:
-        known = preset in sheet.load_yaml(house() / "config/presets.yaml")
+        known = preset in schema("config")["properties"]["preset"]["enum"]
         wrong = f"what '{preset}' costs has not been measured" if known else f"'{preset}' is not known"
         raise InputError("--preset", wrong, " or ".join(costs.presets))
     given = {"phases": phases, "pore_value": pore_value, "array": array}

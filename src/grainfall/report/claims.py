@@ -57,8 +57,8 @@ def _within(row: Mapping | None, aim: float, tolerance: float) -> str:
     return OPEN if reaches_in else NOT_SHOWN
 
 
-def _nearer(*rows: Mapping | None) -> str:
-    """Whether all paired differences are surely above 0, or one surely below."""
+def _surely_above(*rows: Mapping | None) -> str:
+    """Whether all these differences are surely above 0, or one surely below."""
     if any(row is None or math.isnan(row["lower"]) for row in rows):
         return OPEN
     if any(row["upper"] < 0 for row in rows):
@@ -103,7 +103,7 @@ def _stereology(table: pd.DataFrame) -> list[Claim]:
             "shown as histograms",
             f"distance to the true radii over their mean: {_said(sizes[0])}; without: {_said(sizes[1])}; "
             f"nearer by {_said(nearer)}",
-            _nearer(nearer),
+            _surely_above(nearer),
         ),
         Claim(
             "stereology",
@@ -211,7 +211,7 @@ def _rims(table: pd.DataFrame, case: str) -> list[Claim]:
             "-",
             f"over the truth's: surface {_said(surface)}, K {_said(k)}; grains left touching in points: "
             f"surface {_said(points)}, K {_said(k_points)}; nearer by {_said(less)} and {_said(k_less)}",
-            _nearer(less, k_less),
+            _surely_above(less, k_less),
         )
     ]
 
@@ -265,5 +265,5 @@ def _tomogram(table: pd.DataFrame) -> list[Claim]:
         twin, scan = (row_of(table, "xct", v, quantity) for v in ("full", "tomogram"))
         nearer = row_of(table, "xct", "tomogram", f"{quantity}_nearer")
         words = f"twin {_said(twin)}; tomogram {_said(scan)}; nearer by {_said(nearer)}"
-        found.append(Claim("xct", claim, paper, words, _nearer(nearer)))
+        found.append(Claim("xct", claim, paper, words, _surely_above(nearer)))
     return found + _rims(table, "xct")
