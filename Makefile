@@ -3,6 +3,10 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 CORES ?= all
 VENV := .venv
 BIN := $(VENV)/bin
+# Snakemake waits for ever for a core of none.
+ifeq ($(filter-out 0,$(CORES)),)
+$(error CORES is '$(CORES)': a positive number, or all)
+endif
 SNAKEMAKE := $(BIN)/snakemake --profile workflow/profiles/local --cores $(CORES)
 # A path comes to the shell as a variable of its own, so that nothing in its name is run.
 override export IMAGE := $(value IMAGE)

@@ -85,6 +85,12 @@ def test_page_again_does_nothing_and_asks_for_no_twin(studied):
     assert planned(studied, "--", "validation", config="xct.yaml") == {}
 
 
+def test_what_is_deleted_of_a_case_is_made_again(studied, tmp_path):
+    folder = shutil.copytree(studied, tmp_path / "damaged")
+    (folder / "results/tiny/full/1/flow.csv").unlink()
+    assert planned(folder, "--", "case", config="xct.yaml").get("flow") == 1
+
+
 @pytest.fixture
 def published(tmp_path):
     """A zip with a volume, behind a server of our own: its address and checksum."""

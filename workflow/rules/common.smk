@@ -518,8 +518,9 @@ def come_so_far(wildcards):
 def twins_of_case(wildcards):
     if CONFIG["case"] == "cv_sweep":
         return []
+    kept = [path for name in KEPT_OF_TWIN for path in twins(name)]
     # the second packings of the first twins are there to be shown
-    return twins("metrics.csv") + twins("second/volume.zarr.zip", realization=[0])
+    return kept + twins("second/volume.zarr.zip", realization=[0])
 
 
 def references_of_case(wildcards):
