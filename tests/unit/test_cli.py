@@ -204,6 +204,14 @@ def test_without_a_checkout_the_missing_workflow_is_named(capsys, monkeypatch, t
         study.house()
 
 
+def test_a_section_without_a_whole_grain_is_refused(tmp_path):
+    one = np.full((60, 60), 255, np.uint8)
+    one[:2] = 0  # a grain cut by three borders
+    Image.fromarray(one).save(tmp_path / "one.png")
+    with pytest.raises(InputError, match=r"one\.png: shows no whole grain; a larger section"):
+        look.look(tmp_path / "one.png", 1.0)
+
+
 @pytest.mark.parametrize(
     ("text", "um"),
     [("1.2um", 1.2), ("1.2 µm", 1.2), ("800nm", 0.8), ("0.02mm", 20.0), ("3", 3.0), ("1e-1um", 0.1)],

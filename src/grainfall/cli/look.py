@@ -132,6 +132,8 @@ def look(
     }
     for (n, _), size in sizes.items():
         if size is None:
+            if len(section.phases) == 2:
+                raise InputError(image, "shows no whole grain", "a larger section")
             raise InputError(
                 image, f"shows no whole grain of {section.phases[n]}", "a larger section, or fewer phases"
             )
