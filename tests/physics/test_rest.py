@@ -1,5 +1,7 @@
 """Beds that rest, resume and resettle."""
 
+import time
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -58,7 +60,9 @@ def test_a_killed_packing_resumes_and_ends_with_the_same_bytes(engine, tmp_path)
     for share in (0.3, 0.8):
         with pytest.raises(Killed):
             pour(tmp_path, dies_at=share * steps[-1])
+    begin = time.perf_counter()
     resumed, seen = pour(tmp_path)
+    assert resumed.attrs["report"]["wall_s"] > time.perf_counter() - begin  # what the killed ones took counts
     assert resumed.to_csv() == undisturbed.to_csv()
     assert resumed.attrs["forces"] == undisturbed.attrs["forces"]
     assert seen[0] > 0.8 * steps[-1] - 2 * 150

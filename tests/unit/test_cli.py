@@ -3,6 +3,8 @@
 import os
 import re
 import shutil
+import subprocess
+import sys
 
 import numpy as np
 import pandas as pd
@@ -51,6 +53,29 @@ def test_new_writes_a_study_that_a_run_accepts(capsys, picture, tmp_path):
     assert "64 grains, 64 of them whole" in said
     assert float(re.search(r"radius ([0-9.]+) um", said).group(1)) == pytest.approx(9 * 1.5, rel=0.03)
     assert f"Porosity {1 - np.mean(np.asarray(Image.open(picture)) > 0):.4f}" in said
+
+
+def test_what_may_not_be_read_is_one_line(capsys, picture, tmp_path, monkeypatch):
+    def refuse(*_, **__):
+        raise PermissionError(13, "Permission denied", "/closed/section.png")
+
+    monkeypatch.setattr(look, "look", refuse)
+    status, _, fault = grainfall(capsys, "new", tmp_path / "a", "--image", picture, "--pixel-size", "1um")
+    assert status == 1
+    assert fault.startswith("grainfall: /closed/section.png: may not be read or written")
+    assert fault.count("\n") == 1
+
+
+def test_the_command_line_computes_on_one_thread_unless_told_otherwise():
+    pools = [f"{pool}_NUM_THREADS" for pool in ("OMP", "OPENBLAS", "MKL")]
+    ours = {name: value for name, value in os.environ.items() if name not in pools} | {"MKL_NUM_THREADS": "3"}
+    code = (
+        "import os, sys; from grainfall import cli\n"
+        "try: cli.main(['--help'])\n"
+        "finally: print(*(os.environ[p] for p in sys.argv[1:]), file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code, *pools], env=ours, capture_output=True, text=True)
+    assert (done.returncode, done.stderr.split()) == (0, ["1", "1", "3"])
 
 
 def test_a_name_that_snakemake_cannot_take_is_mended(capsys, picture, tmp_path):
