@@ -222,11 +222,13 @@ def test_fill_is_found_by_the_surface_that_spheres_lose_where_they_meet(rim):
     assert found == pytest.approx(filled, rel=0.1)
 
 
-def test_only_a_bed_that_fell_short_is_pressed():
-    """Where the packing reached what was wanted before the rims, rims are all that the section asks for."""
+def test_only_a_rock_denser_than_its_grains_pour_to_is_pressed():
+    """Whether the bed came to what was wanted before the rims is chance, and does not matter."""
     rougher = {"section_per_um": np.inf}
     grown = {"on": True, "called_for": True, "reason": "grown together", "porosity": PLAIN, **rougher}
-    assert not finished(0.75, overgrowth=grown)[4]["compaction"]["on"]
+    poured = {"called_for": False, "on": False}
+    assert not finished(0.75, poured, overgrowth=grown)[4]["compaction"]["on"]
+    assert finished(0.75, overgrowth=grown)[4]["compaction"]["on"]
     _, phase, *_, rims = finished(0.75, overgrowth={**grown, "porosity": 0.8})
     assert rims["compaction"]["on"]
     assert abs(np.count_nonzero(phase == 0) - 0.75 * phase.size) <= 1

@@ -79,8 +79,8 @@ def test_half_way_between_pressing_and_rims(angular):
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"switch": "off"}, "switched off in the config, although the bed is looser"),
-        ({"dense": False}, "no looser than wanted"),
+        ({"switch": "off"}, "switched off in the config, although the rock is denser"),
+        ({"dense": False}, "no denser than its grains pour to"),
     ],
 )
 def test_where_it_is_not_to_act_the_bed_stays(angular, given, words):

@@ -34,7 +34,7 @@ def compact(
     Of a bed with the room for it made, the first is the grains drawn larger in their own shapes, so that
     they overlap where they touch (distances, in radii, shrink), the second an even rim. Where the second
     alone would leave less surface than the section shows, the first takes as much as brings it back. That
-    the rock was compacted is told by its being denser than its grains can be packed; how much, by the
+    the rock was compacted is told by its being denser than its grains pour to; how much, by the
     surface: an estimate, with the sampling error of the section, not a test.
 
     Parameters
@@ -49,8 +49,7 @@ def compact(
     per_um : float
         The section's surface by volume of the solid, 1/um, on pixels of the voxels' size.
     dense : bool
-        Whether densification was called for and fell short: only a rock denser than its grains can be packed
-        has been compacted.
+        Whether densification was called for: only a rock denser than its grains pour to has been compacted.
     switch : {"auto", "on", "off"}
     progress : callable, optional
         Called with a line of text at each trial.
@@ -82,8 +81,8 @@ def compact(
     effect = decide(
         switch,
         dense and short,
-        f"the bed is {'' if dense else 'no '}looser than wanted, and with rims alone the twin has "
-        f"{rims:.4g} um2 of surface a um3 of solid, {'' if short else 'no '}less than the section's "
+        f"the rock is {'' if dense else 'no '}denser than its grains pour to, and with rims alone the twin "
+        f"has {rims:.4g} um2 of surface a um3 of solid, {'' if short else 'no '}less than the section's "
         f"{per_um:.4g}",
         possible=short,
     )

@@ -93,7 +93,7 @@ def finish(
             library,
             scene,
             overgrowth["section_per_um"],
-            dense=densification["called_for"] and left - overgrowth["porosity"] > limit,
+            dense=densification["called_for"],
             switch=switches["compaction"],
             progress=progress,
         )
