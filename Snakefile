@@ -25,13 +25,10 @@ include: "workflow/rules/validation.smk"
 include: "workflow/rules/accuracy.smk"
 
 
-# What summary and report came of is named as well: a file of it that was deleted, or that a run refused as damaged, is
-# made again.
 rule all:
     default_target: True
     input:
-        expand(f"{SAMPLE}/{{name}}", sample=SAMPLES, name=KEPT_OF_SAMPLE),
-        [twins(name) for name in KEPT_OF_TWIN],
+        kept(),
         "results/summary.csv",
         "results/report.html",
         "results/provenance.json",

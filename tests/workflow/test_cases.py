@@ -85,10 +85,11 @@ def test_page_again_does_nothing_and_asks_for_no_twin(studied):
     assert planned(studied, "--", "validation", config="xct.yaml") == {}
 
 
-def test_what_is_deleted_of_a_case_is_made_again(studied, tmp_path):
+@pytest.mark.parametrize(("gone", "again"), [("full/1/flow.csv", "flow"), ("labels.zarr.zip", "morphology")])
+def test_what_is_deleted_of_a_case_is_made_again(studied, tmp_path, gone, again):
     folder = shutil.copytree(studied, tmp_path / "damaged")
-    (folder / "results/tiny/full/1/flow.csv").unlink()
-    assert planned(folder, "--", "case", config="xct.yaml").get("flow") == 1
+    (folder / "results/tiny" / gone).unlink()
+    assert planned(folder, "--", "case", config="xct.yaml").get(again) == 1
 
 
 @pytest.fixture

@@ -392,6 +392,12 @@ KEPT_OF_TWIN = (
 )
 
 
+def kept():
+    """What tables and pages come of: named, a file that was deleted, or that a run refused as damaged, is made again."""
+    of_samples = expand(f"{SAMPLE}/{{name}}", sample=SAMPLES, name=KEPT_OF_SAMPLE)
+    return of_samples + [path for name in KEPT_OF_TWIN for path in twins(name)]
+
+
 def where_referenced(path):
     """An input function: ``path`` in the sample's folder where the sample has a 3D reference, else nothing."""
 
@@ -518,9 +524,8 @@ def come_so_far(wildcards):
 def twins_of_case(wildcards):
     if CONFIG["case"] == "cv_sweep":
         return []
-    kept = [path for name in KEPT_OF_TWIN for path in twins(name)]
     # the second packings of the first twins are there to be shown
-    return kept + twins("second/volume.zarr.zip", realization=[0])
+    return kept() + twins("second/volume.zarr.zip", realization=[0])
 
 
 def references_of_case(wildcards):

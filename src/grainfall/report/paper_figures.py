@@ -122,7 +122,7 @@ def _bar(axes, width_um: float) -> None:
     axes.plot([left, left + size], [y, y], color="white", lw=5, solid_capstyle="butt")
     axes.plot([left, left + size], [y, y], color="black", lw=2.5, solid_capstyle="butt")
     axes.text(
-        left, y + 0.025 * (y1 - y0), f"{size:g} µm", ha="left", va="bottom", fontsize=7,
+        left, y + 0.025 * (y1 - y0), f"{size:g} µm", va="bottom", fontsize=7,
         bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.6, "alpha": 0.85},
     )  # fmt: skip
 
