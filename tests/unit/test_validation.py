@@ -1,6 +1,7 @@
 """The validation table and its words follow from the twins' figures, and from nothing else."""
 
 import math
+import re
 
 import numpy as np
 import pandas as pd
@@ -240,7 +241,8 @@ def test_the_size_bias_is_judged_by_intervals():
 @pytest.mark.parametrize(("by", "status"), [(0.05, SHOWN), (-0.05, NOT_SHOWN), (0.0, OPEN)])
 def test_closed_contacts_are_judged_against_points(by, status):
     def rows(variant, quantity, value):
-        own = {s: [value + d] for s, d in zip("abc", (-0.01, 0, 0.01), strict=True)}
+        twins = 2 if variant == "full" else 1
+        own = {s: [value + d] * twins for s, d in zip("abc", (-0.01, 0, 0.01), strict=True)}
         return figures(own, "virtual_spheres", variant, quantity)
 
     every = [
@@ -252,6 +254,8 @@ def test_closed_contacts_are_judged_against_points(by, status):
     (claim,) = (c for c in claims(aggregate(pd.concat(every))) if c.claim.startswith("Rims"))
     assert claim.status == status
     assert "surface 1.01" in claim.ours
+    # how many they are is said once for figures that follow each other
+    assert re.findall("n = .*?sections", claim.ours) == ["n = 6 from 3 sections", "n = 3 from 3 sections"]
     assert not any(c.claim.startswith("Rims") for c in claims(aggregate(pd.concat(every[:3]))))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -76,7 +77,18 @@ def claims(table: pd.DataFrame) -> list[Claim]:
     """
     found = [*_stereology(table), *_spheres(table), *_berea(table), *_tomogram(table)]
     begun = set(table["case"])
-    return [c if c.case in begun else c._replace(ours="not finished", status=OPEN) for c in found]
+    return [
+        c._replace(ours=_counted_once(c.ours))
+        if c.case in begun
+        else c._replace(ours="not finished", status=OPEN)
+        for c in found
+    ]
+
+
+def _counted_once(words: str) -> str:
+    """The words without the counts of twins and sections that the next figure repeats."""
+    count = r", n = \d+ from (?:one section|\d+ sections)"
+    return re.sub(rf"({count})(?=(?:(?!, n = ).)*\1)", "", words)
 
 
 def _said(row: Mapping | None, digits: int = 3, unit: str = "") -> str:
