@@ -76,6 +76,16 @@ def test_half_way_between_pressing_and_rims(angular):
     assert solid_surface(twin, 1.0).per_um == pytest.approx(wanted, rel=0.01)
 
 
+def test_less_than_the_least_pressing_is_none_and_is_said(angular):
+    bodies, section, scene = angular
+    open_ = volume.porosity(volume.voxelise(bodies, CUBES, scene["shape_zyx"], 1.0)[0])
+    narrow = scene | {"porosity_target": open_ - 1e-4}
+    moved, report = volume.compact(bodies, CUBES, narrow, 2 * section, dense=True)
+    assert moved is bodies
+    assert (report["on"], report["factor"], report["porosity"]) == (True, 1.0, open_)
+    assert report["reason"].endswith("the least that they can be pressed by (0.2 % of distances) is too much")
+
+
 @pytest.mark.parametrize(
     ("given", "words"),
     [

@@ -105,6 +105,8 @@ def compact(
                 high = middle
         effect["reason"] += (
             f"; grains pressed to {100 / factor:.3g} % of their distances bring it to {surface:.4g}"
+            if factor > 1
+            else f"; the least that they can be pressed by ({100 * RESOLUTION:g} % of distances) is too much"
         )
     return pressed(factor) if factor > 1 else bodies, {
         **effect,
