@@ -3,6 +3,7 @@
 from _stage import stage
 
 from grainfall import grains, io, morphology, packing, random, stereology, volume
+from grainfall.section import resample
 from grainfall.surface import SolidSurface, core, solid_surface
 
 with stage(snakemake) as progress:
@@ -26,7 +27,8 @@ with stage(snakemake) as progress:
         for table in (section_pores, pores)
     )
     surface = SolidSurface(**io.read_json(files.section_surface))
-    bed, voxel = core(phase), attributes["voxel_size_um"]
+    resolution = scene["resolution_um"]
+    bed = resample(core(phase), attributes["voxel_size_um"], resolution)
     sizes, deficit = packing.plan_deficit(
         scene,
         target,
@@ -40,8 +42,8 @@ with stage(snakemake) as progress:
         ),
         packing.Overgrowth(
             surface,
-            solid_surface(bed, voxel),
-            volume.fill_to_surface(bed, voxel, surface.per_um),
+            solid_surface(bed, resolution),
+            volume.fill_to_surface(bed, resolution, surface.per_um),
         ),
         porosity,
         sum(p * v for p, v in zip(scene["probabilities"], scene["mean_volumes_um3"], strict=True)),

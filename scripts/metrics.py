@@ -3,6 +3,7 @@
 from _stage import stage
 
 from grainfall import correlation, io, network, random, report
+from grainfall.section import resample
 from grainfall.surface import SolidSurface, core, solid_surface
 
 with stage(snakemake) as progress, io.open_volume(snakemake.input.twin, "phase") as (phase, _):
@@ -53,7 +54,9 @@ with stage(snakemake) as progress, io.open_volume(snakemake.input.twin, "phase")
         **packing,
         **report.phase_values(phase, section),
         **report.surface_values(
-            solid_surface(core(phase), scene["voxel_size_um"]),
+            solid_surface(
+                resample(core(phase), scene["voxel_size_um"], scene["resolution_um"]), scene["resolution_um"]
+            ),
             SolidSurface(**io.read_json(files.section_surface)),
         ),
         **report.sampling_values(section, scene["porosity_source"]),

@@ -1,4 +1,7 @@
-"""The section measured at the twin's voxel size, so that both are compared at one resolution."""
+"""The section measured at the twin's voxel size, so that both are compared at one resolution.
+
+Its surface is that on the coarser of pixel and voxel: finer voxels do not make what the pixels hid.
+"""
 
 from dataclasses import asdict
 
@@ -11,15 +14,16 @@ from grainfall.surface import solid_surface
 with stage(snakemake):
     section = load_section(snakemake.input.section)
     phase, _ = io.read_volume(snakemake.input.labels, "phase")
-    voxel = io.read_json(snakemake.input.scene)["voxel_size_um"]
+    scene = io.read_json(snakemake.input.scene)
+    voxel, resolution = scene["voxel_size_um"], scene["resolution_um"]
     instances = section.instances
-    phase = resample(phase, section.pixel_size_um, voxel)
+    surface = solid_surface(resample(phase, section.pixel_size_um, resolution), resolution)
     found = morphology.analyse(
-        phase,
+        resample(phase, section.pixel_size_um, voxel),
         voxel,
         instances=None if instances is None else resample(instances, section.pixel_size_um, voxel),
         **snakemake.params.settings["morphology"],
     )
     io.write_table(snakemake.output.grains, found.grains)
     io.write_table(snakemake.output.pores, found.pores)
-    io.write_json(snakemake.output.surface, asdict(solid_surface(phase, voxel)))
+    io.write_json(snakemake.output.surface, asdict(surface))

@@ -63,7 +63,8 @@ def specific_surface(pore: np.ndarray, spacing_um: float) -> float:
     Notes
     -----
     Twice the crossings by length of line (Saltykov's S_V = 2 P_L), of lines along the axes. A smooth surface
-    loses what the spacing does not resolve: compare images of one spacing only.
+    loses what the spacing does not resolve: compare images of one spacing only, none of them resampled from a
+    coarser one.
     """
     pore = np.asarray(pore).astype(bool)
     crossings = sum(np.count_nonzero(np.diff(pore, axis=axis)) for axis in range(pore.ndim))

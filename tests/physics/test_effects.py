@@ -17,6 +17,7 @@ SCENE = {
     "margin_um": 10.0,
     "shape_zyx": [60, 60, 60],
     "voxel_size_um": 1.0,
+    "resolution_um": 1.0,
 }
 SIZES = {(1, "grain"): SimpleNamespace(quantile=lambda q, which="f3d": 8.0 + 4.0 * np.asarray(q))}
 

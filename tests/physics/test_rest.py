@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from grainfall.packing import Box, Parameters, deposit, settle
+from grainfall.packing import Box, Parameters, deposit, rest, settle
 from grainfall.packing.bed import Bed
 from grainfall.packing.deposition import solid_fraction
 from grainfall.packing.engine import Solid, start
@@ -69,6 +69,35 @@ def test_a_killed_packing_resumes_and_ends_with_the_same_bytes(engine, tmp_path)
     # another packing does not take this one's checkpoint
     other = deposit(supply(150), NoShapes, BOX, parameters, np.random.default_rng(3), None, tmp_path)
     assert other.to_csv() != undisturbed.to_csv()
+
+
+def test_a_bed_of_which_nothing_was_fixed_resumes_with_the_same_bytes(tmp_path):
+    """It comes to rest in the finer steps of an engine of its own, not in the one that poured."""
+    parameters = Parameters.named(engine="physx", sleep_steps=10**6, rest_windows=2)
+
+    def pour(progress=None):
+        return deposit(supply(40), NoShapes, BOX, parameters, np.random.default_rng(3), progress, tmp_path)
+
+    def dies(line):
+        if "coming to rest" in line:
+            raise Killed
+
+    undisturbed = deposit(supply(40), NoShapes, BOX, parameters, np.random.default_rng(3))
+    with pytest.raises(Killed):
+        pour(dies)
+    assert pour().to_csv() == undisturbed.to_csv()
+
+
+def test_bodies_drawn_apart_as_patience_ends_are_weighed_all_the_same(monkeypatch):
+    bed = Bed.of(spheres([[60, 60, 0], [60, 60, 100]]), NoShapes, BOX, Parameters.named(rest_windows=1))
+
+    def drawn(bed, parameters):
+        bed.close()
+        return np.ones(len(bed), bool)
+
+    monkeypatch.setattr(rest, "PATIENCE", 1)
+    monkeypatch.setattr(rest, "_draw_apart", drawn)
+    assert len(relax(bed)["forces"]) == 1
 
 
 @pytest.mark.parametrize("engine", ENGINES)

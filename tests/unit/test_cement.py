@@ -136,6 +136,7 @@ def test_slabs_do_not_show():
 SCENE = {
     "shape_zyx": [64, 64, 64],
     "voxel_size_um": 1.0,
+    "resolution_um": 1.0,
     "margin_um": 0.0,  # the lattice ends with the region: no room is made
     "mean_diameter_um": 20.0,
     "phases": ["pore", "quartz", "feldspar"],

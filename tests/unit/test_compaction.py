@@ -8,6 +8,7 @@ import pytest
 import trimesh
 
 from grainfall import volume
+from grainfall.section import resample
 from grainfall.surface import solid_surface
 
 CUBE = trimesh.creation.box(extents=[1, 1, 1])
@@ -30,7 +31,8 @@ def cubes(edge, shape=0):
 def rock(bodies):
     """Surface of the bodies grown in their own shapes, and the scene that has their porosity."""
     phase, _ = volume.voxelise(bodies.assign(scale=TRUE * bodies["scale"]), CUBES, (120,) * 3, 1.0)
-    scene = {"shape_zyx": [120] * 3, "voxel_size_um": 1.0, "porosity_target": volume.porosity(phase) - 0.0005}
+    scene = {"shape_zyx": [120] * 3, "voxel_size_um": 1.0, "resolution_um": 1.0}
+    scene["porosity_target"] = volume.porosity(phase) - 0.0005
     return solid_surface(phase, 1.0).per_um, scene
 
 
@@ -74,6 +76,17 @@ def test_half_way_between_pressing_and_rims(angular):
     twin = volume.with_rims(phase, scene["porosity_target"])
     assert abs((~twin).mean() - scene["porosity_target"]) < 1e-6
     assert solid_surface(twin, 1.0).per_um == pytest.approx(wanted, rel=0.01)
+
+
+def test_a_section_of_coarser_pixels_is_held_against_as_coarse_a_twin(angular):
+    bodies, section, scene = angular
+    phase, _ = volume.voxelise(bodies.assign(scale=TRUE * bodies["scale"]), CUBES, (120,) * 3, 1.0)
+    coarse = solid_surface(resample(phase, 1.0, 3.0), 3.0).per_um
+    assert coarse < 0.97 * section  # edges and corners are lost
+    _, report = volume.compact(bodies, CUBES, scene | {"resolution_um": 3.0}, coarse, dense=True)
+    assert report["factor"] == pytest.approx(TRUE, abs=0.02)
+    _, fooled = volume.compact(bodies, CUBES, scene, coarse, dense=True)
+    assert fooled["factor"] < TRUE - 0.1
 
 
 def test_less_than_the_least_pressing_is_none_and_is_said(angular):

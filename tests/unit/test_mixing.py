@@ -286,6 +286,12 @@ def test_a_target_out_of_reach_ends_with_the_nearest_pass():
     assert found.porosity == max(row["porosity"] for row in found.passes)
 
 
+def test_a_pass_without_a_grain_in_the_region_is_a_pass():
+    found = match_porosity(lambda p: 1.0 if p > 0.5 else 0.9, float, 0.98, 0.9, 0.42)
+    assert found.passes[0] == {"p_sphere": 0.9, "porosity": 1.0}
+    assert len(found.passes) > 1
+
+
 @pytest.mark.parametrize("share", [0.2, 0.5, 1.0])
 def test_each_zone_keeps_its_own_quota(share):
     """Over the region and around it every prefix of the supply holds the right mix of phases."""

@@ -54,6 +54,11 @@ def test_mean_grain_and_region():
     assert plan["margin_um"] == pytest.approx(2 * 80 / 3, rel=1e-3)
 
 
+@pytest.mark.parametrize(("voxel", "resolution"), [(0.5, 2.0), (2.0, 2.0), (4.0, 4.0)])
+def test_surfaces_are_compared_on_the_coarser_of_pixel_and_voxel(voxel, resolution):
+    assert scene(voxel_size_um=voxel, edge_um=110.0)["resolution_um"] == resolution
+
+
 def test_voxels_per_grain():
     plan = scene(voxels_per_grain=20)
     assert plan["mean_diameter_um"] / plan["voxel_size_um"] == pytest.approx(20)
@@ -390,6 +395,10 @@ def test_of_passes_that_miss_the_nearest_is_kept():
     assert bed.of(bodies)[:2] == bed.poured[1]
     assert report["reason"] == "target 0.400 not met in 2 passes, nearest 0.385, at rest 0.3840"
     assert report["porosity"] == 0.384
+    _, loose = Scattered(0.35).second(deficit(0.35)[1], passes=1)
+    assert not loose["densification"]["called_for"]
+    words = "below the 0.4300 of the packing with its virtual spheres, which they opened, not its grains"
+    assert words in loose["densification"]["reason"]
 
 
 @pytest.mark.parametrize("first", [0.42, 0.44, 0.47])

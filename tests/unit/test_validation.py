@@ -190,7 +190,7 @@ def test_a_sections_surface_is_held_against_the_truths_own(tmp_path):
     rng = np.random.default_rng(3)
     rock = (smooth_field(rng, (80, 80, 80)) > 0.2).astype(np.uint8)
     plane, voxel = rock[40], 2.0
-    io.write_json(tmp_path / "scene.json", {"voxel_size_um": voxel})
+    io.write_json(tmp_path / "scene.json", {"resolution_um": voxel})
     io.write_json(tmp_path / "section_surface.json", {"per_um": surface.solid_surface(plane, voxel).per_um})
     pairs = [np.mean(np.take(rock, range(79), a) & np.take(rock, range(1, 80), a)) for a in range(3)]
     truth = {"s2": (np.array([0.0, voxel]), np.array([rock.mean(), np.mean(pairs)]))}

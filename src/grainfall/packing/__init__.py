@@ -7,7 +7,7 @@ from grainfall.packing.densify import match_density
 from grainfall.packing.mixing import Mixture, draw_population, draw_zones, phase_probabilities
 from grainfall.packing.overgrowth import Overgrowth
 from grainfall.packing.parameters import NAMED, Parameters
-from grainfall.packing.plan import SWITCHES, decide, effects_plan
+from grainfall.packing.plan import decide, effects_plan
 from grainfall.packing.scene import plan_scene, poured_grains
 from grainfall.packing.tail import PoreTail, pore_tail
 from grainfall.packing.virtual import VirtualSizes, match_porosity, sphere_probability, virtual_sizes
@@ -15,7 +15,6 @@ from grainfall.packing.virtual import VirtualSizes, match_porosity, sphere_proba
 __all__ = [
     "NAMED",
     "RESETTLED",
-    "SWITCHES",
     "Box",
     "Mixture",
     "Overgrowth",

@@ -269,8 +269,9 @@ def _interleave(shares: np.ndarray, n: int) -> np.ndarray:
 def _shapes(table: pd.DataFrame, phase: int, radii: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """A shape for each radius: at random among the tenth of the phase's shapes (at least 3) nearest in size.
 
-    Nearest in rank, not in micrometres: sections are smaller than their grains, and unfolding moves both
-    ends.
+    The tenth is counted in shapes, so that where they are rare none serves all grains. Sections are smaller
+    than their grains, and radii are looked up as they are: shapes of large sections, which pass near the
+    middle of large grains, serve most.
     """
     mine = table[table["phase"] == phase].sort_values(["r2d_um", "shape"])
     if mine.empty:

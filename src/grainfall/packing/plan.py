@@ -6,9 +6,6 @@ from collections.abc import Iterable, Mapping
 
 from grainfall.packing.parameters import Parameters
 
-SWITCHES = ("auto", "on", "off")
-"""What the config may say of an effect: as the scene calls for it, or forced."""
-
 
 def decide(switch: str, called_for: bool, reason: str, possible: bool = True) -> dict:
     """Whether an effect acts.

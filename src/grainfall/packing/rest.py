@@ -171,6 +171,7 @@ def relax(
     given = bed.parameters
     fine = replace(given, dt=given.dt * REFINEMENT, contact_manifold="full")
     windows = given.rest_windows if windows is None else windows
+    bed.close()  # the engine that poured has other steps than these
     bed.velocity[:] = bed.spin[:] = 0.0
     energy: list[float] = []
     steps = 0
@@ -239,7 +240,7 @@ def relax(
         "energy_rise": float((energy - lowest).max() / abs(energy[-1])),
         "asleep_each": ~awake,
     }
-    if bed.fixed.any():
+    if bed.engine is None or bed.fixed.any():
         bed.fixed[:] = False
         bed.start(fine)
         bed.engine.step(WINDOW // 10)

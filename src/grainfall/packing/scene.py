@@ -63,9 +63,10 @@ def plan_scene(
     Returns
     -------
     dict
-        shape_zyx, voxel_size_um, edge_um, margin_um, mean_diameter_um, phases, fractions,
-        mean_volumes_um3, probabilities, sizes_from, porosity_target, porosity_source, phase_mixing
-        (on, forced, called_for, reason).
+        shape_zyx, voxel_size_um, resolution_um (the voxel, or the section's pixel where that is coarser: on
+        images of this spacing section and packings show their surface alike), edge_um, margin_um,
+        mean_diameter_um, phases, fractions, mean_volumes_um3, probabilities, sizes_from, porosity_target,
+        porosity_source, phase_mixing (on, forced, called_for, reason).
 
     Raises
     ------
@@ -121,6 +122,7 @@ def plan_scene(
     return {
         "shape_zyx": [n, n, n],
         "voxel_size_um": float(voxel),
+        "resolution_um": float(max(voxel, section["pixel_size_um"])),
         "edge_um": float(n * voxel),
         "margin_um": float(margin_grains * diameter),
         "mean_diameter_um": diameter,

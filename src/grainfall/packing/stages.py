@@ -468,14 +468,12 @@ def pack_again(
         trials.keep(first, loose, at_rest=True, made_with=(0.0, 1.0))
     too_loose = loose - target if fillable else 0.0
     what = "with its virtual spheres" if spheres["on"] else "of grains alone"
-    dense = decide(
-        densification,
-        too_loose > limit,
-        f"the {aim} is below the {loose:.4f} of the packing {what}"
-        if too_loose > 0
-        else f"the packing {what} is no looser than the {aim}",
-        possible=too_loose > 0,
-    )
+    if too_loose > 0 or loose - target > limit:
+        reason = f"the {aim} is below the {loose:.4f} of the packing {what}"
+        reason += "" if fillable else ", which they opened, not its grains"
+    else:
+        reason = f"the packing {what} is no looser than the {aim}"
+    dense = decide(densification, too_loose > limit, reason, possible=too_loose > 0)
     if dense["on"]:
         missed = match_density(
             lambda lubrication, taps: trials(p_sphere, lubrication, taps), loose, target, limit, passes

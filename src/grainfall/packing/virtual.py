@@ -260,7 +260,7 @@ def match_porosity(
         near = first - target <= tolerance
         reason = "" if near else f"target not reachable by this plan, nearest {first:.3f}"
         return Match(None, 0.0, first, [], near, reason)
-    aim = 1 / (1 - min(target + tolerance / 4, 0.999))
+    aim = 1 / (1 - min(target + tolerance / 4, EMPTY))
     points = [(0.0, 1 / (1 - first))]
     passes, best = [], None
     p = float(np.clip(p0, 1e-6, P_MOST))
@@ -272,7 +272,7 @@ def match_porosity(
             best = packing, p, porosity
         if abs(porosity - target) <= tolerance:
             break
-        points.append((p / (1 - p), 1 / (1 - porosity)))
+        points.append((p / (1 - p), 1 / (1 - min(porosity, EMPTY))))
         odds = _next_odds(points, aim)
         p, last = min(odds / (1 + odds), P_MOST), p
         if abs(p - last) < 1e-9:
@@ -282,6 +282,9 @@ def match_porosity(
     reason = "" if reached else f"target {target:.3f} not met in {len(passes)} passes, nearest {porosity:.3f}"
     return Match(packing, p, porosity, passes, reached, reason)
 
+
+EMPTY = 0.999
+"""Largest porosity told from that of a region without a grain."""
 
 P_MOST = 0.999
 """Largest p_sphere tried: spheres may be many and small, but grains must be poured too."""

@@ -321,7 +321,7 @@ def section_surface_ratio(variant: Path, truth: Mapping) -> float | None:
     if "s2" not in truth:
         return None
     lags, s2 = truth["s2"]
-    if not np.isclose(lags[1], io.read_json(variant / "scene.json")["voxel_size_um"]):
+    if not np.isclose(lags[1], io.read_json(variant / "scene.json")["resolution_um"]):
         return None
     own = io.read_json(variant / "section_surface.json")["per_um"]
     return own / (4 * (s2[0] - s2[1]) / lags[1] / s2[0])

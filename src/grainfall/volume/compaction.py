@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 import pandas as pd
 
 from grainfall.packing.plan import decide
+from grainfall.section import resample
 from grainfall.surface import solid_surface
 from grainfall.volume.cement import with_rims
 from grainfall.volume.measures import porosity
@@ -45,9 +46,9 @@ def compact(
     library : Library
         Meshes of the shapes.
     scene : mapping
-        shape_zyx, voxel_size_um, porosity_target.
+        shape_zyx, voxel_size_um, resolution_um, porosity_target.
     per_um : float
-        The section's surface by volume of the solid, 1/um, on pixels of the voxels' size.
+        The section's surface by volume of the solid, 1/um, at that resolution.
     dense : bool
         Whether densification was called for: only a rock denser than its grains pour to has been compacted.
     switch : {"auto", "on", "off"}
@@ -68,13 +69,15 @@ def compact(
     """
     started = time.perf_counter()
     shape, voxel, target = scene["shape_zyx"], scene["voxel_size_um"], scene["porosity_target"]
+    resolution = scene["resolution_um"]
 
     def pressed(factor: float) -> pd.DataFrame:
         return bodies.assign(scale=factor * bodies["scale"])
 
     def at(factor: float) -> tuple[float, float]:
         phase, _ = voxelise(pressed(factor), library, shape, voxel)
-        return porosity(phase), solid_surface(with_rims(phase, target), voxel).per_um
+        seen = resample(with_rims(phase, target), voxel, resolution)
+        return porosity(phase), solid_surface(seen, resolution).per_um
 
     left, rims = at(1.0)
     short = left > target and rims < per_um

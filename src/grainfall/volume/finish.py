@@ -35,7 +35,7 @@ def finish(
     library : Library
         Meshes of the shapes.
     scene : mapping
-        shape_zyx, voxel_size_um, margin_um, mean_diameter_um, porosity_target, phases.
+        shape_zyx, voxel_size_um, resolution_um, margin_um, mean_diameter_um, porosity_target, phases.
     overgrowth : mapping
         As :func:`grainfall.packing.plan_deficit` gives it: cement is called for where the section's grains
         have grown together, and positions are then scaled to the porosity before their rims.
