@@ -205,6 +205,7 @@ def test_mistakes_are_one_line(capsys, picture, tmp_path, arguments, words):
     assert fault.startswith("grainfall: ")
     assert fault.count("\n") == 1
     assert not (tmp_path / "x").exists()
+    assert not (tmp_path / "valid/results").exists()
 
 
 def test_an_unexpected_error_is_one_line_too(capsys, monkeypatch, tmp_path):

@@ -228,9 +228,10 @@ def export(
     there = [folder / file for name in format for file in FORMATS[name].files if (folder / file).exists()]
     if there and not force:
         raise InputError(there[0], "is there already", "--to another folder, or --force to replace it")
-    folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".export-", dir=folder) as part:
+    beside = next(path for path in (folder, *folder.absolute().parents) if path.is_dir())
+    with tempfile.TemporaryDirectory(prefix=".export-", dir=beside) as part:
         files = export_twin(Twin(source, source.parents[1] / "grains3d"), part, format)
+        folder.mkdir(parents=True, exist_ok=True)  # not before there is something to lie in it
         for file in files:
             file.replace(folder / file.name)
             out.print(str(folder / file.name), markup=False)
