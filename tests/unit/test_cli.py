@@ -102,6 +102,14 @@ def test_what_is_taken_for_the_pore_is_said(capsys, picture, tmp_path):
     assert "taken for the pore" not in grainfall(capsys, *new, "--force", "--pore-value", "255")[1]
 
 
+def test_what_is_in_brackets_or_between_colons_is_shown(capsys, tmp_path, monkeypatch):
+    folder = tmp_path / "x[y]:smile:"
+    folder.mkdir()
+    (folder / "config.yaml").write_text("samples: {a: {kind: synthetic, pixel_size_um: 2}}")
+    monkeypatch.setattr(study, "jobs_left", lambda _: {})
+    assert folder.name in "".join(grainfall(capsys, "status", folder)[1].split())
+
+
 def test_where_nothing_may_be_written_it_says_so(capsys, monkeypatch, tmp_path):
     (tmp_path / "config.yaml").write_text("samples: {a: {kind: synthetic, pixel_size_um: 2}}")
     monkeypatch.setattr("os.access", lambda _, right, **__: right != os.W_OK)
