@@ -189,6 +189,11 @@ def test_nothing_is_overwritten(capsys, picture, tmp_path):
         ),
         (["run", "{tmp}/moved"], "image gone.png does not exist; a path from {tmp}/moved"),
         (["view", "{tmp}/moved"], "there is no report yet"),
+        (
+            ["run", "{tmp}/a{{1}}"],
+            "a{1}: has a brace in its path, which marks a wildcard; rename the folder",
+        ),
+        (["new", "{tmp}/x{{1}}", "--image", "{image}", "--pixel-size", "1um"], "has a brace"),
         (["new", "{tmp}/file", "--image", "{image}", "--pixel-size", "1um"], "is a file"),
     ],
 )
@@ -198,6 +203,7 @@ def test_mistakes_are_one_line(capsys, picture, tmp_path, arguments, words):
         "invalid": "samples: {a: {kind: synthetic, pixel_size_um: 2}}\nscene: {edge_mu: 3}",
         "garbled": "samples: [",
         "latin": "title: caf\xe9\nsamples: {a: {kind: synthetic, pixel_size_um: 2}}",
+        "a{1}": "samples: {a: {kind: synthetic, pixel_size_um: 2}}",
         "template": "__use_yte__: true\nsamples: {a: {kind: synthetic, pixel_size_um: 2}}",
         "slice": "samples: {a: {kind: slice, data: moon, slice: z3}}",
         "moved": "samples: {a: {kind: binary, pixel_size_um: 2, image: gone.png}}",
