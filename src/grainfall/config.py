@@ -300,10 +300,22 @@ def resolve(config: dict, schema: dict, presets: dict, where: str = "config") ->
                     f"override one of: {', '.join(VARIANT_KEYS)}",
                 )
         check({"samples": "-", **(over or {})}, schema, f"{where}: variants.{name}")
+    whole["variants"] = {name: _meant(over, whole["scene"]) for name, over in whole["variants"].items()}
     # samples and variants are shown in the user's order
     named = {key: whole[key] for key in ("samples", "variants") if isinstance(whole[key], dict)}
     ordered = {key: {name: canonical(values) for name, values in of.items()} for key, of in named.items()}
     return canonical(whole) | ordered
+
+
+IN_UM = {"edge_grains": "edge_um", "voxels_per_grain": "voxel_size_um"}
+"""Lengths of the scene in grains, each with its like in um, which counts where both are given."""
+
+
+def _meant(over: dict | None, scene: dict) -> dict | None:
+    """An override as it is meant: a length in grains resets the config's in um, which would hide it."""
+    own = (over or {}).get("scene", {})
+    hiding = [um for grains, um in IN_UM.items() if grains in own and um not in own and scene[um] is not None]
+    return merge(over, {"scene": dict.fromkeys(hiding)}) if hiding else over
 
 
 def variant(whole: dict, name: str) -> dict:

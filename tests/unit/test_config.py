@@ -224,6 +224,29 @@ def test_sweep_mistakes(tmp_path, schema, presets, text, words):
     assert "\n" not in str(fault.value)
 
 
+def test_a_length_in_grains_is_not_hidden_by_one_in_um(tmp_path, schema, presets):
+    (tmp_path / "s.tsv").write_text(
+        "variant\tscene.edge_grains\tscene.voxels_per_grain\nrow\t6\t\nfine\t\t24\n"
+    )
+    variants = {
+        "full": None,
+        "small": {"scene": {"edge_grains": 5}},
+        "both": {"scene": {"edge_grains": 5, "edge_um": 99}},
+        "wide": {"scene": {"edge_um": 400}},
+    }
+    base = {"samples": "s", "variants": variants, "sweep": str(tmp_path / "s.tsv")}
+    whole = config.resolve({**base, "scene": {"edge_um": 300, "voxel_size_um": 2}}, schema, presets)
+    scenes = {name: config.variant(whole, name)["scene"] for name in whole["variants"]}
+    assert {name: (s["edge_um"], s["voxel_size_um"]) for name, s in scenes.items()} == {
+        "full": (300, 2), "small": (None, 2), "both": (99, 2), "wide": (400, 2),
+        "row": (None, 2), "fine": (300, None),
+    }  # fmt: skip
+    # the table of a sweep tells so, and has no column of what is null anyway
+    assert config.parameters(whole)["row"]["scene.edge_um"] is None
+    bare = config.resolve({**base, "variants": {"full": {}}}, schema, presets)
+    assert set(config.parameters(bare)["row"]) == {"scene.edge_grains", "scene.voxels_per_grain"}
+
+
 def test_phases():
     assert config.parse_phases("pore=0;quartz=128") == {"pore": 0, "quartz": 128}
     assert config.parse_phases("pore;quartz") == ["pore", "quartz"]
