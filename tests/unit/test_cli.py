@@ -55,6 +55,23 @@ def test_new_writes_a_study_that_a_run_accepts(capsys, picture, tmp_path):
     assert f"Porosity {1 - np.mean(np.asarray(Image.open(picture)) > 0):.4f}" in said
 
 
+@pytest.mark.parametrize(
+    ("folder", "name"),
+    [
+        ("2024-05-01", "2024-05-01"),
+        ("2024-13-01", "2024-13-01"),
+        ("007", "007"),
+        ("no", "no"),
+        ("Data", "rock"),
+    ],
+)
+def test_a_sample_is_named_as_the_folder_whatever_yaml_makes_of_that(capsys, picture, tmp_path, folder, name):
+    new = ("new", tmp_path / folder, "--image", picture, "--pixel-size", "1um")
+    assert grainfall(capsys, *new)[0] == 0
+    opened = study.open_study(tmp_path / folder)
+    assert list(opened.samples) == list(opened.config["samples"]) == [name]
+
+
 def test_what_may_not_be_read_is_one_line(capsys, picture, tmp_path, monkeypatch):
     def refuse(*_, **__):
         raise PermissionError(13, "Permission denied", "/closed/section.png")

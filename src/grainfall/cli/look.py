@@ -225,7 +225,7 @@ def write_study(
     folder = Path(folder)
     check_free(folder, found.image, force)
     name = re.sub(r"[^A-Za-z0-9_-]+", "-", folder.resolve().name).strip("-")[:64]
-    name = "rock" if not name or name in sheet.RESERVED else name
+    name = name if sheet.is_name(name) else "rock"
     image = folder / re.sub(r"[{}]", "_", found.image.name)  # braces mark wildcards to Snakemake
     row = {"image": image.name, **found.row}
     text = config_text(name, row, found)
@@ -272,7 +272,7 @@ def config_text(name: str, row: dict, found: Findings) -> str:
         f"preset: {found.preset}",
         *about("samples"),
         "samples:",
-        f"  {name}:",
+        f"  {_yaml(name)}:",
         *(f"    {key}: {_yaml(value)}" for key, value in row.items()),
         *about("realizations"),
         f"realizations: {properties['realizations']['default']}",
