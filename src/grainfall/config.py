@@ -8,6 +8,7 @@ import difflib
 import math
 import re
 from collections.abc import Iterator
+from datetime import date
 from pathlib import Path
 
 import yaml
@@ -31,9 +32,16 @@ MAX_TEXT = 10_000_000
 NAME_RULE = "at most 64 letters, digits, - and _"
 
 
-def _check_name(name: object, where: str, what: str) -> None:
-    """A name becomes a folder: nothing that could leave it, hide in it or be taken for an option."""
-    if not re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,63}", str(name)) or str(name).lower() in RESERVED:
+def is_name(name: str) -> bool:
+    """Whether a sample or a variant may be named so.
+
+    A name becomes a folder: nothing that could leave it, hide in it or be taken for an option.
+    """
+    return bool(re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,63}", name)) and name.lower() not in RESERVED
+
+
+def _check_name(name: str, where: str, what: str) -> None:
+    if not is_name(name):
         right = f"{NAME_RULE}, none of: {', '.join(RESERVED)}"
         raise InputError(where, f"{what} '{name}' is no name", right)
 
@@ -81,10 +89,11 @@ def _unique_mapping(loader: _Loader | _OurLoader, node: yaml.MappingNode) -> dic
     seen = set()
     for key, _ in node.value:
         if isinstance(key, yaml.ScalarNode):
-            if key.value in seen and key.tag != "tag:yaml.org,2002:merge":
+            read = loader.construct_object(key, deep=True)
+            if {read, str(read)} & seen:  # 7, 007 and '7' are one name
                 line = key.start_mark.line + 1
                 raise InputError(f"line {line}", f"key '{key.value}' stands there twice", "unique keys")
-            seen.add(key.value)
+            seen |= {read, str(read)}
     return yaml.SafeLoader.construct_mapping(loader, node, deep=True)
 
 
@@ -125,6 +134,25 @@ def _check_plain(content: object, where: str) -> None:
         elif isinstance(value, list | tuple):
             left.extend((item, depth + 1) for item in value)
     raise InputError(where, f"more than {MAX_NODES} values, or nested too deeply", "a plain config")
+
+
+def _text_keys(content: object, where: str) -> object:
+    """``content`` with every key as text: to YAML a bare 300 is a number, 2024-05-01 a date.
+
+    What it makes of a bare no or null does not tell what was written, so that these need quotes.
+    """
+    if isinstance(content, list):
+        return [_text_keys(item, where) for item in content]
+    if not isinstance(content, dict):
+        return content
+    named: dict[str, object] = {}
+    for key, value in content.items():
+        if isinstance(key, bool) or not isinstance(key, str | int | date):
+            raise InputError(where, f"YAML reads a name there as {key!r}"[:200], "put the name in quotes")
+        if str(key) in named:
+            raise InputError(where, f"'{key}' stands there twice", "unique names")
+        named[str(key)] = _text_keys(value, f"{where}: {key}")
+    return named
 
 
 def merge(base: dict, over: dict | None) -> dict:
@@ -273,7 +301,7 @@ def resolve(config: dict, schema: dict, presets: dict, where: str = "config") ->
         On the first fault, variants' overrides included; where no preset holds the ``accuracy`` asked for.
     """
     _check_plain(config, where)
-    config = _switched(_typed(config, schema))
+    config = _switched(_typed(_text_keys(config, where), schema))
     if isinstance(config.get("variants"), dict):
         over = {
             k: _switched(_typed(v, schema)) if isinstance(v, dict) else v
@@ -300,10 +328,22 @@ def resolve(config: dict, schema: dict, presets: dict, where: str = "config") ->
                     f"override one of: {', '.join(VARIANT_KEYS)}",
                 )
         check({"samples": "-", **(over or {})}, schema, f"{where}: variants.{name}")
+    whole["variants"] = {name: _meant(over, whole["scene"]) for name, over in whole["variants"].items()}
     # samples and variants are shown in the user's order
     named = {key: whole[key] for key in ("samples", "variants") if isinstance(whole[key], dict)}
     ordered = {key: {name: canonical(values) for name, values in of.items()} for key, of in named.items()}
     return canonical(whole) | ordered
+
+
+IN_UM = {"edge_grains": "edge_um", "voxels_per_grain": "voxel_size_um"}
+"""Lengths of the scene in grains, each with its like in um, which counts where both are given."""
+
+
+def _meant(over: dict | None, scene: dict) -> dict | None:
+    """An override as it is meant: a length in grains resets the config's in um, which would hide it."""
+    own = (over or {}).get("scene", {})
+    hiding = [um for grains, um in IN_UM.items() if grains in own and um not in own and scene[um] is not None]
+    return merge(over, {"scene": dict.fromkeys(hiding)}) if hiding else over
 
 
 def variant(whole: dict, name: str) -> dict:
@@ -481,12 +521,10 @@ def read_samples(samples: str | dict, schema: dict, *, files: bool = True) -> di
     """
     if isinstance(samples, dict):
         where, rows = "config: samples", {}
-        for key, row in samples.items():
-            if str(key) in rows:
-                raise InputError(where, f"sample '{key}' stands there twice", "unique names")
+        for key, row in _text_keys(samples, where).items():
             if not isinstance(row, dict | None):
                 raise InputError(f"{where}: {key}", f"{row!r} is no sample"[:200], "give it as key: value")
-            rows[str(key)] = _typed(row or {}, schema)
+            rows[key] = _typed(row or {}, schema)
     else:
         where, rows = samples, _read_sheet(samples, "sample", schema["properties"])
     folded: dict[str, str] = {}

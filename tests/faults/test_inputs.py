@@ -88,6 +88,8 @@ def test_no_phase_is_named_so():
     [
         ("a: 1\na: 2\n", "key 'a' stands there twice"),
         ("samples: {x: {}, x: {}}\n", "twice"),
+        ("variants:\n  7: {}\n  007: {}\n", "line 3: key '007' stands there twice"),
+        ("variants: {7: {}, '7': {}}\n", "twice"),
         ("!!python/object/apply:os.system [touch x]\n", "not YAML"),
         ("a: " + "[" * 2000 + "]" * 2000, "YAML|nested"),
         ("a0: &a0 [x]\n" + "".join(f"a{n}: &a{n} [*a{n - 1}, *a{n - 1}]\n" for n in range(1, 60)), "values"),

@@ -55,6 +55,23 @@ def test_new_writes_a_study_that_a_run_accepts(capsys, picture, tmp_path):
     assert f"Porosity {1 - np.mean(np.asarray(Image.open(picture)) > 0):.4f}" in said
 
 
+@pytest.mark.parametrize(
+    ("folder", "name"),
+    [
+        ("2024-05-01", "2024-05-01"),
+        ("2024-13-01", "2024-13-01"),
+        ("007", "007"),
+        ("no", "no"),
+        ("Data", "rock"),
+    ],
+)
+def test_a_sample_is_named_as_the_folder_whatever_yaml_makes_of_that(capsys, picture, tmp_path, folder, name):
+    new = ("new", tmp_path / folder, "--image", picture, "--pixel-size", "1um")
+    assert grainfall(capsys, *new)[0] == 0
+    opened = study.open_study(tmp_path / folder)
+    assert list(opened.samples) == list(opened.config["samples"]) == [name]
+
+
 def test_what_may_not_be_read_is_one_line(capsys, picture, tmp_path, monkeypatch):
     def refuse(*_, **__):
         raise PermissionError(13, "Permission denied", "/closed/section.png")
@@ -100,6 +117,14 @@ def test_what_is_taken_for_the_pore_is_said(capsys, picture, tmp_path):
     new = ["new", tmp_path / "a", "--image", picture, "--pixel-size", "1um"]
     assert "The lower value is taken for the pore" in grainfall(capsys, *new)[1]
     assert "taken for the pore" not in grainfall(capsys, *new, "--force", "--pore-value", "255")[1]
+
+
+def test_what_is_in_brackets_or_between_colons_is_shown(capsys, tmp_path, monkeypatch):
+    folder = tmp_path / "x[y]:smile:"
+    folder.mkdir()
+    (folder / "config.yaml").write_text("samples: {a: {kind: synthetic, pixel_size_um: 2}}")
+    monkeypatch.setattr(study, "jobs_left", lambda _: {})
+    assert folder.name in "".join(grainfall(capsys, "status", folder)[1].split())
 
 
 def test_where_nothing_may_be_written_it_says_so(capsys, monkeypatch, tmp_path):
@@ -181,6 +206,11 @@ def test_nothing_is_overwritten(capsys, picture, tmp_path):
         ),
         (["run", "{tmp}/moved"], "image gone.png does not exist; a path from {tmp}/moved"),
         (["view", "{tmp}/moved"], "there is no report yet"),
+        (
+            ["run", "{tmp}/a{{1}}"],
+            "a{1}: has a brace in its path, which marks a wildcard; rename the folder",
+        ),
+        (["new", "{tmp}/x{{1}}", "--image", "{image}", "--pixel-size", "1um"], "has a brace"),
         (["new", "{tmp}/file", "--image", "{image}", "--pixel-size", "1um"], "is a file"),
     ],
 )
@@ -190,6 +220,7 @@ def test_mistakes_are_one_line(capsys, picture, tmp_path, arguments, words):
         "invalid": "samples: {a: {kind: synthetic, pixel_size_um: 2}}\nscene: {edge_mu: 3}",
         "garbled": "samples: [",
         "latin": "title: caf\xe9\nsamples: {a: {kind: synthetic, pixel_size_um: 2}}",
+        "a{1}": "samples: {a: {kind: synthetic, pixel_size_um: 2}}",
         "template": "__use_yte__: true\nsamples: {a: {kind: synthetic, pixel_size_um: 2}}",
         "slice": "samples: {a: {kind: slice, data: moon, slice: z3}}",
         "moved": "samples: {a: {kind: binary, pixel_size_um: 2, image: gone.png}}",
@@ -205,6 +236,7 @@ def test_mistakes_are_one_line(capsys, picture, tmp_path, arguments, words):
     assert fault.startswith("grainfall: ")
     assert fault.count("\n") == 1
     assert not (tmp_path / "x").exists()
+    assert not (tmp_path / "valid/results").exists()
 
 
 def test_an_unexpected_error_is_one_line_too(capsys, monkeypatch, tmp_path):

@@ -2,6 +2,7 @@
 
 import dataclasses
 import importlib.metadata
+import json
 import re
 import string
 import tomllib
@@ -105,6 +106,40 @@ def test_bare_on_and_off_are_switches(schema, presets):
     assert (whole["effects"]["cement"], whole["effects"]["densification"]) == ("on", "off")
     assert config.variant(whole, "a")["effects"]["cement"] == "off"
     assert config.variant(whole, "a")["effects"]["virtual_spheres"] == "auto"
+
+
+def test_names_are_text_whatever_yaml_reads_them_as(schema, sample_schema, presets):
+    text = """
+        samples: {2024-05-01: {kind: synthetic, pixel_size_um: 2}, 007: {kind: slice, data: "3", slice: z1}}
+        variants: {300: {}, 1: }
+        data: {3: {source: a.tif, voxel_size_um: 1, files: {%s: 0}}}
+        accuracy_sweep: {packing: {5: ["300"]}, chance: {300: "1"}}
+    """
+    whole = config.resolve(yaml.safe_load(text % (64 * "a")), schema, presets)
+    assert (list(whole["samples"]), list(whole["variants"])) == (["2024-05-01", "7"], ["300", "1"])
+    assert json.loads(json.dumps(whole)) == whole
+    samples = config.samples_of(whole, schema, sample_schema, files=False)
+    assert samples == config.read_samples(yaml.safe_load(text % "a")["samples"], sample_schema)
+    assert list(samples) == ["2024-05-01", "7"]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            "{samples: s, variants: {no: {}}}",
+            "variants: YAML reads a name there as False; put the name in quotes",
+        ),
+        ("{samples: {null: {kind: synthetic}}}", "samples: YAML reads a name there as None"),
+        ("{samples: s, variants: {1.5: {}}}", "reads a name there as 1.5"),
+        ("{samples: {7: {kind: synthetic}, '7': {kind: synthetic}}}", "samples: '7' stands there twice"),
+        ("{samples: s, variants: {-1: {}}}", "variant '-1' is no name"),
+        ("{samples: s, variants: {2024-05-01 10:00:00: {}}}", "is no name"),
+    ],
+)
+def test_names_that_yaml_does_not_leave_as_written(schema, presets, text, words):
+    with pytest.raises(InputError, match=re.escape(words)):
+        config.resolve(yaml.safe_load(text), schema, presets)
 
 
 @pytest.mark.parametrize(
@@ -222,6 +257,29 @@ def test_sweep_mistakes(tmp_path, schema, presets, text, words):
     with pytest.raises(InputError, match=re.escape(words)) as fault:
         config.resolve(study, schema, presets)
     assert "\n" not in str(fault.value)
+
+
+def test_a_length_in_grains_is_not_hidden_by_one_in_um(tmp_path, schema, presets):
+    (tmp_path / "s.tsv").write_text(
+        "variant\tscene.edge_grains\tscene.voxels_per_grain\nrow\t6\t\nfine\t\t24\n"
+    )
+    variants = {
+        "full": None,
+        "small": {"scene": {"edge_grains": 5}},
+        "both": {"scene": {"edge_grains": 5, "edge_um": 99}},
+        "wide": {"scene": {"edge_um": 400}},
+    }
+    base = {"samples": "s", "variants": variants, "sweep": str(tmp_path / "s.tsv")}
+    whole = config.resolve({**base, "scene": {"edge_um": 300, "voxel_size_um": 2}}, schema, presets)
+    scenes = {name: config.variant(whole, name)["scene"] for name in whole["variants"]}
+    assert {name: (s["edge_um"], s["voxel_size_um"]) for name, s in scenes.items()} == {
+        "full": (300, 2), "small": (None, 2), "both": (99, 2), "wide": (400, 2),
+        "row": (None, 2), "fine": (300, None),
+    }  # fmt: skip
+    # the table of a sweep tells so, and has no column of what is null anyway
+    assert config.parameters(whole)["row"]["scene.edge_um"] is None
+    bare = config.resolve({**base, "variants": {"full": {}}}, schema, presets)
+    assert set(config.parameters(bare)["row"]) == {"scene.edge_grains", "scene.voxels_per_grain"}
 
 
 def test_phases():

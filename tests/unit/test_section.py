@@ -158,7 +158,9 @@ def test_the_kind_is_judged_from_the_pixels(tmp_path):
 def test_several_arrays_need_a_name(tmp_path):
     path = tmp_path / "a.npz"
     np.savez(path, one=VALUES, two=VALUES // 2)
-    refuse("2 arrays \\(one, two\\)", path, "phases", 1)
+    refuse(
+        "2 arrays \\(one, two\\); .*phase or phases; of a sample's image its name: array", path, "phases", 1
+    )
     refuse("no array 'three'; it has: one, two", path, "phases", 1, array="three")
     section = read_section(path, "phases", 1, {"pore": 0, "a": 64, "b": 127}, array="two")
     np.testing.assert_array_equal(section.phase, EXPECTED)

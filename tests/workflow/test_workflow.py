@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 import subprocess
+from datetime import date
 from pathlib import Path
 
 import numpy as np
@@ -395,6 +396,12 @@ def test_mistake_is_one_line_before_any_job(tmp_path, over, words):
     assert words in done.stdout
     assert "Traceback" not in done.stdout
     assert not (folder / "results").exists()
+
+
+def test_numbers_and_dates_are_names(tmp_path):
+    over = {"samples": {date(2024, 5, 1): TINY["samples"]["tiny"]}, "variants": {300: {}, 400: {}}}
+    folder = write_config(tmp_path, {**TINY, **over})
+    assert planned(folder)["first_packing"] == 4
 
 
 def test_bad_image_is_one_line_and_loses_nothing(tmp_path):

@@ -23,7 +23,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-out = Console(highlight=False, soft_wrap=True)
+out = Console(highlight=False, soft_wrap=True, markup=False, emoji=False)  # a path may be named [y] or :x:
 
 Folder = Annotated[Path, typer.Argument(metavar="STUDY", help="Folder of the study; this one if omitted.")]
 STAGES = {
@@ -81,8 +81,8 @@ def new(
     )
     config = look.write_study(study, found, force=force)
     for line in look.described(found):
-        out.print(line, markup=False)
-    out.print(f"Written: {config}. Next: grainfall run {shlex.quote(str(study))}", markup=False)
+        out.print(line)
+    out.print(f"Written: {config}. Next: grainfall run {shlex.quote(str(study))}")
 
 
 @app.command()
@@ -105,7 +105,7 @@ def run(
         raise InputError(opened.folder, "may not be written to", "a folder of your own; results go into it")
     if dry_run:
         left = studies.jobs_left(opened)
-        out.print(_jobs(left), markup=False)
+        out.print(_jobs(left))
         return
     command = studies.snakemake(opened, *(["--unlock"] if unlock else ["--cores", cores]))
     with Progress(
@@ -121,7 +121,7 @@ def run(
             said = line.startswith("[") and "] " in line and not line.endswith("]")
             step = not out.is_terminal and studies.STEPS.match(line)
             if verbose or said or step:
-                out.print(line, markup=False)
+                out.print(line)
 
         status, known = studies.follow(command, each)
     if status:
@@ -131,7 +131,7 @@ def run(
         )
     report = opened.results / "report.html"
     done = f"Done: {report}. Look at it: grainfall view {shlex.quote(str(study))}"
-    out.print("Unlocked." if unlock else done, markup=False)
+    out.print("Unlocked." if unlock else done)
 
 
 @app.command()
@@ -157,11 +157,11 @@ def status(study: Folder = Path(".")) -> None:
             figures.add_row(twin, *(f"{cell:.4g}" if cell == cell else "" for cell in cells))
         out.print(figures)
     if opened.locked:
-        out.print("A run is going on, or one was killed (then: grainfall run --unlock).", markup=False)
+        out.print("A run is going on, or one was killed (then: grainfall run --unlock).")
     if not os.access(opened.folder, os.W_OK):
-        out.print("The folder may not be written to, so what is left to do cannot be told.", markup=False)
+        out.print("The folder may not be written to, so what is left to do cannot be told.")
         return
-    out.print(_jobs(studies.jobs_left(opened)), markup=False)
+    out.print(_jobs(studies.jobs_left(opened)))
 
 
 def _jobs(left: dict[str, int]) -> str:
@@ -186,7 +186,7 @@ def view(
     report = opened.results / "report.html"
     if not report.is_file():
         raise InputError(report, "there is no report yet", f"grainfall run {study} makes it")
-    out.print(str(report), markup=False)
+    out.print(str(report))
     if not no_open and not webbrowser.open(report.as_uri()):
         raise InputError(report, "no browser could be opened", "open this file in one")
 
@@ -228,12 +228,13 @@ def export(
     there = [folder / file for name in format for file in FORMATS[name].files if (folder / file).exists()]
     if there and not force:
         raise InputError(there[0], "is there already", "--to another folder, or --force to replace it")
-    folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".export-", dir=folder) as part:
+    beside = next(path for path in (folder, *folder.absolute().parents) if path.is_dir())
+    with tempfile.TemporaryDirectory(prefix=".export-", dir=beside) as part:
         files = export_twin(Twin(source, source.parents[1] / "grains3d"), part, format)
+        folder.mkdir(parents=True, exist_ok=True)  # not before there is something to lie in it
         for file in files:
             file.replace(folder / file.name)
-            out.print(str(folder / file.name), markup=False)
+            out.print(str(folder / file.name))
 
 
 @app.command()

@@ -15,7 +15,7 @@ import yaml
 from grainfall import config as sheet
 from grainfall import io, morphology, packing, stereology
 from grainfall.cli.costs import SOURCE, Cost, Costs
-from grainfall.cli.study import CONFIGS, resolved, schema
+from grainfall.cli.study import CONFIGS, check_braces, resolved, schema
 from grainfall.errors import InputError
 from grainfall.section import Section, guess_kind, read_section
 from grainfall.surface import left_open, sampling_errors
@@ -179,7 +179,8 @@ def _rounded(value: float) -> float:
 
 
 def check_free(folder: Path, image: Path, force: bool) -> None:
-    """Refuse a folder that holds a study or another image of this name, unless they may be replaced.
+    """Refuse a folder that no study can lie in, and one that holds a study or another image of this name,
+    unless they may be replaced.
 
     Raises
     ------
@@ -187,6 +188,7 @@ def check_free(folder: Path, image: Path, force: bool) -> None:
     """
     if folder.exists() and not folder.is_dir():
         raise InputError(folder, "is a file", "give the name of a new folder")
+    check_braces(folder)
     copy = folder / image.name
     there = [folder / name for name in (*CONFIGS, "results") if (folder / name).exists()]
     there += [copy] if copy.exists() and not (image.exists() and copy.samefile(image)) else []
@@ -223,7 +225,7 @@ def write_study(
     folder = Path(folder)
     check_free(folder, found.image, force)
     name = re.sub(r"[^A-Za-z0-9_-]+", "-", folder.resolve().name).strip("-")[:64]
-    name = "rock" if not name or name in sheet.RESERVED else name
+    name = name if sheet.is_name(name) else "rock"
     image = folder / re.sub(r"[{}]", "_", found.image.name)  # braces mark wildcards to Snakemake
     row = {"image": image.name, **found.row}
     text = config_text(name, row, found)
@@ -270,7 +272,7 @@ def config_text(name: str, row: dict, found: Findings) -> str:
         f"preset: {found.preset}",
         *about("samples"),
         "samples:",
-        f"  {name}:",
+        f"  {_yaml(name)}:",
         *(f"    {key}: {_yaml(value)}" for key, value in row.items()),
         *about("realizations"),
         f"realizations: {properties['realizations']['default']}",

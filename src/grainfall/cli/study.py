@@ -102,6 +102,17 @@ def open_study(folder: str | Path, *, files: bool = True) -> Study:
         return Study(folder, configs[0], config, samples)
 
 
+def check_braces(folder: Path) -> None:
+    """Refuse a folder that Snakemake would take for a pattern.
+
+    Raises
+    ------
+    InputError
+    """
+    if {"{", "}"} & {*str(folder.resolve())}:
+        raise InputError(folder, "has a brace in its path, which marks a wildcard", "rename the folder")
+
+
 def schema(name: str) -> dict:
     """The schema ``config`` or ``samples``."""
     return sheet.load_yaml(house() / f"workflow/schemas/{name}.schema.yaml")
@@ -118,8 +129,9 @@ def snakemake(study: Study, *arguments: str) -> list[str]:
     Raises
     ------
     InputError
-        When Snakemake is not installed.
+        When Snakemake is not installed, or cannot work in the folder.
     """
+    check_braces(study.folder)
     if find_spec("snakemake") is None:
         raise InputError("snakemake", "is not installed", "install grainfall with its extra 'workflow'")
     command = [sys.executable, "-m", "snakemake", "--snakefile", str(house() / "Snakefile")]

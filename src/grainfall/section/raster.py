@@ -369,9 +369,11 @@ def _choose(path: Path, names: Sequence[str], array: str | None, prefer: Sequenc
         if name in names:
             return name
     if len(names) != 1:
-        raise InputError(
-            path, f"{len(names)} arrays ({', '.join(names)})", "name the one that is meant: array"
+        # a reference and a grey image have no key for it
+        right = (
+            f"one array in the file, or one named {' or '.join(prefer)}; of a sample's image its name: array"
         )
+        raise InputError(path, f"{len(names)} arrays ({', '.join(names)})", right)
     return names[0]
 
 
