@@ -6,18 +6,19 @@ from grainfall import config
 from grainfall.section import read_section, write_section
 
 with stage(snakemake) as progress:
-    row, setting = snakemake.params.row, snakemake.params.settings["section"]
+    given = snakemake.params
+    row = given.row
     section = read_section(
         snakemake.input.image,
         row["kind"],
         row["pixel_size_um"],
         config.parse_phases(row.get("phases")),
         pore_value=row.get("pore_value"),
-        classes=setting["grey_classes"] if row["kind"] == "grey" else None,
+        classes=given.settings["section"]["grey_classes"] if row["kind"] == "grey" else None,
         array=row.get("array"),
         grey=row.get("grey"),
-        classified_later=bool(setting["rules"]),
-        max_pixels=setting["max_pixels"],
+        classified_later=given.classified_later,
+        max_pixels=snakemake.resources.max_pixels,
     )
     write_section(snakemake.output.section, section)
     height, width = section.phase.shape

@@ -116,8 +116,8 @@ _CSV = "pore network as one CSV (openpnm.io.network_from_csv), metres"
 FORMATS = {
     "mhd": Format("voxels as MetaImage and RAW (ITK, 3D Slicer, Fiji)", ("twin.mhd", "twin.raw"), _mhd),
     "vti": Format("voxels as VTK image (ParaView, PyVista)", ("twin.vti",), _vti),
-    "glb": Format("grains as coloured meshes (any 3D viewer)", ("grains.glb",), _meshes),
-    "stl": Format("grains as bare meshes (CAD, 3D printing)", ("grains.stl",), _meshes),
+    "glb": Format("grains, the margin's too, as coloured meshes (any 3D viewer)", ("grains.glb",), _meshes),
+    "stl": Format("grains, the margin's too, as bare meshes (CAD, 3D printing)", ("grains.stl",), _meshes),
     "lammps": Format(_SPHERES, ("grains.data",), _lammps),
     "vtp": Format("pore network as VTK polydata (ParaView, PyVista)", ("network.vtp",), _vtp),
     "openpnm": Format(_CSV, ("network.csv",), _openpnm),

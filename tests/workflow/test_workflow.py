@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+import skimage.io
 import zarr
 from outputs import outputs
 
@@ -178,7 +179,8 @@ def test_rock_too_dense_for_its_grains_is_cemented(finished, tmp_path):
     write_config(folder, changed(realizations=1, variants=dense), "dense.yaml")
     twins = pressed, cemented, bare = [folder / f"results/tiny/{name}/0" for name in off]
     wanted = [f"{twin}/{name}" for twin in twins for name in ("metrics.csv", "plan.json")]
-    wanted = [Path(w).relative_to(folder) for w in [*wanted, cemented / "figures/block.svg"]]
+    wanted += [cemented / "figures/block.svg", folder / "results/summary.csv"]
+    wanted = [Path(w).relative_to(folder) for w in wanted]
     done = snakemake(folder, "--", *wanted, config="dense.yaml")
     assert done.returncode == 0, done.stdout[-6000:]
     group = zarr.open_group(zarr.storage.ZipStore(cemented / "twin.zarr.zip", mode="r"), mode="r")
@@ -216,6 +218,9 @@ def test_rock_too_dense_for_its_grains_is_cemented(finished, tmp_path):
     assert rougher["porosity"] == metrics["porosity"]
     assert rougher["solid_surface_per_um"] > metrics["solid_surface_per_um"]
     assert rougher["cement_share"] < metrics["cement_share"]
+    # the first variant is what others are compared with: in another order the table is another
+    write_config(folder, changed(realizations=1, variants=dict(reversed(dense.items()))), "dense.yaml")
+    assert planned(folder, "--", "results/summary.csv", config="dense.yaml") == {"summary": 1}
 
 
 def test_second_run_does_nothing(finished):
@@ -291,6 +296,61 @@ def test_packing_parameter_reruns_packing_and_what_follows(finished):
     assert "first_packing" in rerun
     assert set(rerun) <= AFTER_PACKING | {"first_packing", "scene", "section_as_resolved"}
     assert not {"synthesise", "morphology", "unfold_sizes", "grain_library"} & set(rerun)
+
+
+@pytest.mark.parametrize(
+    ("over", "rerun", "spared"),
+    [
+        ({"correlation": {"envelope_slices": 79}}, "s2_envelope", {"deficit", "s2_chunk", "measure_slices"}),
+        ({"correlation": {"chunks": 3}}, "s2_chunk", {"deficit", "measure_slices"}),
+        ({"contacts": {"resettled": 2}}, "resettling", {"contacts", "twin"}),
+        ({"effects": {"refinement": "on"}}, "first_packing", {"scene", "section_as_resolved"}),
+        ({"feedback": {"passes": 9}}, "second_packing", {"first_packing", "deficit"}),
+        ({"effects": {"compaction": "off"}}, "twin", {"first_packing", "second_packing", "deficit"}),
+    ],
+)
+def test_an_edit_reruns_what_goes_by_it(finished, over, rerun, spared):
+    write_config(finished, changed(**over), "edited.yaml")
+    jobs = set(planned(finished, config="edited.yaml"))
+    assert rerun in jobs
+    assert not spared & jobs
+
+
+def test_a_section_is_read_again_for_what_it_was_read_by_only(tmp_path):
+    row = {"kind": "binary", "image": "rock.png", "pixel_size_um": 1}
+    image = np.kron(np.random.default_rng(1).random((30, 30)) < 0.6, np.ones((8, 8)))
+    write_config(tmp_path, {**TINY, "samples": {"rock": row}})
+    skimage.io.imsave(tmp_path / "rock.png", (255 * image).astype(np.uint8), check_contrast=False)
+    np.save(tmp_path / "volume.npy", np.zeros((40, 40, 40), np.uint8))
+    section = "results/rock/section.zarr.zip"
+    done = snakemake(tmp_path, "--", section)
+    assert done.returncode == 0, done.stdout[-3000:]
+    judged = {**row, "reference": "volume.npy", "reference_voxel_size_um": 1, "porosity": 0.4}
+    for over, again in (
+        ({"samples": {"rock": judged}}, {}),
+        ({"samples": {"rock": row}, "section": {"max_pixels": 10**8}}, {}),
+        ({"samples": {"rock": {**row, "pore_value": 255}}}, {"read_section": 1}),
+    ):
+        write_config(tmp_path, {**TINY, **over})
+        assert planned(tmp_path, "--", section) == again
+
+
+def test_a_variant_that_measures_otherwise_is_not_held_against_the_reference(finished):
+    variants = {
+        "coarse": {"network": {"coarsen": 2}},
+        "direct": {"flow": {"methods": ["direct"]}},
+        "full": {},
+    }
+    write_config(finished, changed(variants=variants), "otherwise.yaml")
+    wanted = [f"results/tiny/{name}/0/metrics.csv" for name in variants]
+    done = snakemake(finished, "--dry-run", "--forcerun", "metrics", "--", *wanted, config="otherwise.yaml")
+    inputs = dict(
+        zip(variants, sorted(re.findall(r"rule metrics:\n +input: (.*)", done.stdout)), strict=True)
+    )
+    held = {name for name, files in inputs.items() if "tiny/reference_flow.csv" in files}
+    assert held == {"full", "direct"}
+    assert {name for name, files in inputs.items() if "tiny/reference_network_pores.csv" in files} == held
+    assert all("tiny/reference_s2.csv" in files for files in inputs.values())
 
 
 def test_edit_of_a_late_chapter_reruns_what_it_touches(finished, tmp_path):
@@ -437,3 +497,6 @@ def test_exports(finished, tmp_path):
     size = json.loads((finished / "results/tiny/full/scene.json").read_text())["shape_zyx"]
     assert (folder / "twin.raw").stat().st_size == np.prod(size)
     assert {p.name for p in folder.iterdir()} == {name for kind in FORMATS.values() for name in kind.files}
+    # one that was asked for alone, or is gone, is no reason to have no others
+    (folder / "network.csv").unlink()
+    assert planned(copy, "--", "exports") == {"export": 2, "exports": 1}

@@ -316,7 +316,17 @@ def stream(wildcards):
     }
 
 
-def sample_row(wildcards):
+def row(*keys):
+    """A params function: these entries of the sample's row, those that are there; no other makes the rule run again."""
+
+    def of(wildcards):
+        found = SAMPLES[wildcards.sample]
+        return {key: found[key] for key in keys if key in found}
+
+    return of
+
+
+def whole_row(wildcards):
     """The sample's row of the sheet."""
     return SAMPLES[wildcards.sample]
 
@@ -404,6 +414,17 @@ def where_referenced(path):
     def of(wildcards):
         chosen = [wildcards.sample] if hasattr(wildcards, "sample") else list(SAMPLES)
         return expand(f"{SAMPLE}/{path}", sample=[s for s in chosen if s in REFERENCED])
+
+    return of
+
+
+def where_measured_alike(path):
+    """An input function: as :func:`where_referenced`, where the variant measures its twins as the reference was."""
+
+    def of(wildcards):
+        whole = VARIANTS[wildcards.variant]
+        by = [(of["network"], of["flow"]["conductance"]) for of in (whole, CONFIG)]
+        return where_referenced(path)(wildcards) if by[0] == by[1] else []
 
     return of
 

@@ -17,7 +17,7 @@ rule s2_chunk:
         runtime=runtime(30),
     params:
         stream=stream,
-        settings=settings("correlation"),
+        settings=settings("correlation.slices"),
         science=science("correlation"),
     script:
         "../../scripts/s2_chunk.py"
@@ -171,7 +171,7 @@ rule s2_envelope:
         runtime=runtime(10),
     params:
         stream=stream,
-        settings=settings("correlation"),
+        settings=settings("correlation.envelope_slices"),
         science=science("correlation"),
     script:
         "../../scripts/s2_envelope.py"

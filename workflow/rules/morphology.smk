@@ -19,7 +19,7 @@ rule morphology:
         mem_mb=memory(4000),
         runtime=runtime(30),
     params:
-        settings=settings("morphology", "section"),
+        settings=settings("morphology", "section.rules"),
         science=science("morphology"),
     script:
         "../../scripts/morphology.py"
@@ -44,7 +44,7 @@ rule measure_slices:
         runtime=runtime(30),
     params:
         stream=stream,
-        settings=settings("morphology", "correlation"),
+        settings=settings("morphology", "correlation.slices"),
         science=science("morphology", "volume.cement"),
     script:
         "../../scripts/measure_slices.py"

@@ -428,7 +428,7 @@ rule contacts:
         mem_mb=memory(3000),
         runtime=runtime(60),
     params:
-        settings=settings("contacts", "packing", "effects"),
+        settings=settings("contacts.tolerance", "packing", "effects.decomposition"),
         science=science("contacts"),
     script:
         "../../scripts/contacts.py"
@@ -452,7 +452,7 @@ rule resettling:
         mem_mb=memory(4000),
         runtime=runtime(120),
     params:
-        settings=settings("packing", "effects"),
+        settings=settings("packing", "effects.decomposition"),
         science=science("packing", "volume", "correlation"),
     script:
         "../../scripts/resettling.py"

@@ -18,7 +18,7 @@ rule scene:
         mem_mb=memory(1000),
         runtime=runtime(5),
     params:
-        row=sample_row,
+        row=row("porosity"),
         settings=settings("scene", "effects.phase_mixing"),
         science=science("packing"),
     script:
@@ -81,10 +81,10 @@ rule deficit:
             "effects.virtual_spheres",
             "effects.void_shapes",
             "effects.cement",
-            "feedback",
+            "feedback.limit",
             "morphology",
-            "stereology",
-            "correlation",
+            "stereology.method",
+            "correlation.slices",
         ),
         science=science("packing", "morphology", "stereology", "volume.cement"),
     script:

@@ -91,10 +91,10 @@ rule metrics:
         flow=f"{TWIN}/flow.csv",
         contacts=f"{TWIN}/contacts.json",
         resettling=where_checked("resettling.json"),
-        reference_flow=where_referenced("reference_flow.csv"),
+        reference_flow=where_measured_alike("reference_flow.csv"),
         reference_s2=where_referenced("reference_s2.csv"),
-        reference_pores=where_referenced("reference_network_pores.csv"),
-        reference_throats=where_referenced("reference_network_throats.csv"),
+        reference_pores=where_measured_alike("reference_network_pores.csv"),
+        reference_throats=where_measured_alike("reference_network_throats.csv"),
         benchmarks=timed_jobs_of_twin,
     output:
         metrics=f"{TWIN}/metrics.csv",
@@ -110,7 +110,7 @@ rule metrics:
         runtime=runtime(10),
     params:
         stream=stream,
-        settings=settings("packing", "flow", "correlation"),
+        settings=settings("packing.engine", "flow.methods"),
         asked=ASKED,
         science=science("report.tables", "correlation", "network", "surface"),
     script:
@@ -136,6 +136,8 @@ rule summary:
     resources:
         mem_mb=1000,
         runtime=5,
+    params:
+        order=[list(SAMPLES), list(VARIANTS)],  # inputs alone are a set to Snakemake
     script:
         "../../scripts/summary.py"
 
@@ -181,7 +183,7 @@ rule twin_provenance:
         runtime=5,
     params:
         seed=CONFIG["seed"],
-        row=sample_row,
+        row=whole_row,
         settings=whole_settings,
     script:
         "../../scripts/twin_provenance.py"

@@ -25,7 +25,7 @@ rule synthesise:
         runtime=runtime(30),
     params:
         stream=stream,
-        row=sample_row,
+        row=row("pixel_size_um"),
         rock=synthesis,
         science=science("section"),
     script:
@@ -67,10 +67,13 @@ rule read_section:
     resources:
         mem_mb=4000,
         runtime=30,
+        # no parameter: a section that was read within a lower limit need not be read again
+        max_pixels=CONFIG["section"]["max_pixels"],
     params:
-        row=sample_row,
+        row=row("kind", "pixel_size_um", "phases", "pore_value", "array", "grey"),
         checksums=checksums("image", "grey"),
-        settings=settings("section"),
+        settings=settings("section.grey_classes"),
+        classified_later=bool(CONFIG["section"]["rules"]),
         science=science("section"),
     script:
         "../../scripts/read_section.py"
@@ -93,7 +96,7 @@ rule read_reference:
         mem_mb=8000,
         runtime=60,
     params:
-        row=sample_row,
+        row=row("reference_voxel_size_um", "reference_pore"),
         checksums=checksums("reference"),
         science=science("section"),
     script:
@@ -138,7 +141,7 @@ rule cut_section:
         mem_mb=4000,
         runtime=30,
     params:
-        row=sample_row,
+        row=row("slice"),
         science=science("section"),
     script:
         "../../scripts/cut_section.py"

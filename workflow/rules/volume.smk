@@ -53,7 +53,12 @@ rule twin:
         runtime=runtime(60),
     params:
         stream=stream,
-        settings=settings("effects", "feedback"),
+        settings=settings(
+            "effects.position_scaling",
+            "effects.cement",
+            "effects.compaction",
+            "feedback.limit",
+        ),
         whole=SLABS == 1,
         science=science("volume"),
     script:
@@ -164,5 +169,10 @@ rule export:
 
 rule exports:
     input:
-        twins("export/twin.mhd"),
+        [
+            p
+            for kind in FORMATS.values()
+            for name in kind.files
+            for p in twins(f"export/{name}")
+        ],
     localrule: True

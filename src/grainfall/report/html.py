@@ -238,7 +238,7 @@ def figure_files(
         twin = _network(r, "twin:network")
         if twin is None or len(network.element_sizes(twin)["pore_radius_um"]) == 0:
             return None
-        reference = _network(r, "sample:reference_network")
+        reference = _network(r, "sample:reference_network") if _measured_alike(r) else None
         sizes = (None if n is None else network.element_sizes(n) for n in (twin, reference))
         return figures.network_figure(*sizes)
 
@@ -280,7 +280,8 @@ def figure_files(
         "network": (
             pore_network,
             ["twin:network_pores.csv", "twin:network_throats.csv"],
-            ["sample:reference_network_pores.csv", "sample:reference_network_throats.csv"],
+            ["sample:reference_network_pores.csv", "sample:reference_network_throats.csv",
+             "twin:metrics.csv"],
         ),
         "block": (block, ["twin:twin.zarr.zip"], ["sample:section.json"]),
         "ensembles": (ensembles, ["root:summary.csv"], []),
@@ -435,8 +436,8 @@ def _facts(r: Results) -> list[tuple[str, str]]:
             facts.append(("Seed", str(twin[0]["seed"])))
     if scene.get("porosity_target") is not None:
         facts.append(("Porosity asked for", tables.number(scene["porosity_target"])))
-    reference = r.attributes("sample:reference.zarr.zip")
-    facts.append(("3D reference", "yes" if reference else "none: the section alone judges the twin"))
+    judged = r.path("sample:reference_s2.csv").exists()
+    facts.append(("3D reference", "yes" if judged else "none: the section alone judges the twin"))
     return facts
 
 
@@ -498,12 +499,19 @@ def _permeability(root: Path, name: str, twins) -> list[dict]:
     reference = Results(root, name).table("sample:reference_flow.csv")
     rows = []
     for variant, realization in twins:
-        flow = Results(root, name, variant, realization).table("twin:flow.csv")
+        r = Results(root, name, variant, realization)
+        flow, held = r.table("twin:flow.csv"), reference if _measured_alike(r) else None
         if flow is not None:
-            rows += [row(f"{variant} {realization}", m, flow, reference) for m in flow["method"].unique()]
+            rows += [row(f"{variant} {realization}", m, flow, held) for m in flow["method"].unique()]
     if rows and reference is not None:
         rows = [row("reference", m, reference, None) for m in reference["method"].unique()] + rows
     return rows
+
+
+def _measured_alike(r: Results) -> bool:
+    """Whether the twin was held against the reference's network: not where a variant measures otherwise."""
+    metrics = r.table("twin:metrics.csv")
+    return metrics is not None and "w1_network_pores_um" in set(metrics["metric"])
 
 
 def _along(flow: pd.DataFrame, method: str, axis: str) -> tuple[float | None, float | None]:
