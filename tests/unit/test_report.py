@@ -38,7 +38,7 @@ from grainfall.report import (
     verdict,
     view3d,
 )
-from grainfall.report.html import Results, drawn_grains
+from grainfall.report.html import Results, _permeability, drawn_grains
 from grainfall.report.tables import headline
 from grainfall.surface import SolidSurface, sampling_errors
 
@@ -221,6 +221,7 @@ def make_sample(root: Path, name="demo", variants=("full", "bullet"), realizatio
                     ),
                     **phase_values(volume, phase),
                     **flow_values(ours, reference_flow),
+                    **({"w1_network_pores_um": 0.5} if reference else {}),
                 }
             )  # fmt: skip
             io.write_table(twin / "metrics.csv", metrics)
@@ -430,6 +431,20 @@ def test_page_degrades(tmp_path, gone):
         assert said in parsed.text
     assert "One twin only" in parsed.text
     assert not parsed.faults
+
+
+def test_a_slice_has_its_reference_and_what_measures_otherwise_is_not_held_against_it(tmp_path):
+    """Of a slice's volume only the measurements are there; a variant's other network has no counterpart."""
+    root = make_sample(tmp_path, realizations=1)
+    (root / "demo/reference.zarr.zip").unlink()
+    other = root / "demo/bullet/0/metrics.csv"
+    metrics = io.read_table(other)
+    io.write_table(other, metrics[metrics["metric"] != "w1_network_pores_um"])
+    build_report(root, ["demo"], root / "report.html")
+    assert "none: the section alone" not in Page((root / "report.html").read_text(encoding="utf-8")).text
+    rows = _permeability(root, "demo", [("full", 0), ("bullet", 0)])
+    assert [row["who"] for row in rows] == ["reference", "full 0", "bullet 0"]
+    assert [bool(row["cells"][0]["change"]) for row in rows] == [False, True, False]
 
 
 def test_one_mineral_and_nothing_that_flows(tmp_path):
