@@ -11,10 +11,12 @@ with stage(snakemake) as progress:
     scene = io.read_json(files.scene)
     phase, attributes = io.read_volume(files.volume, "phase")
     porosity = float((phase == 0).mean())
+    resolution = scene["resolution_um"]
+    phase = resample(phase, attributes["voxel_size_um"], resolution)
     section_pores = io.read_table(files.section_pores)
     _, pores = morphology.measure_slices(
         phase,
-        attributes["voxel_size_um"],
+        resolution,
         random.slices(
             random.generator(**snakemake.params.stream, chapter="packing/slices"),
             phase.shape,
@@ -27,8 +29,7 @@ with stage(snakemake) as progress:
         for table in (section_pores, pores)
     )
     surface = SolidSurface(**io.read_json(files.section_surface))
-    resolution = scene["resolution_um"]
-    bed = resample(core(phase), attributes["voxel_size_um"], resolution)
+    bed = core(phase)
     sizes, deficit = packing.plan_deficit(
         scene,
         target,

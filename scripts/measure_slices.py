@@ -5,6 +5,7 @@ from functools import partial
 from _stage import stage
 
 from grainfall import io, morphology, random, volume
+from grainfall.section import resample
 
 twin = snakemake.input.twin
 
@@ -13,9 +14,11 @@ with (
     io.open_volume(twin, "phase") as (phase, attributes),
     io.open_volume(twin, "body") as (body, _),
 ):
+    resolution = io.read_json(snakemake.input.scene)["resolution_um"]
+    phase, body = (resample(voxels, attributes["voxel_size_um"], resolution) for voxels in (phase, body))
     grains, pores = morphology.measure_slices(
         phase,
-        attributes["voxel_size_um"],
+        resolution,
         random.slices(
             random.generator(**snakemake.params.stream, chapter="morphology/slices"),
             phase.shape,

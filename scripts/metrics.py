@@ -31,7 +31,9 @@ with stage(snakemake) as progress, io.open_volume(snakemake.input.twin, "phase")
         return report.accuracy_values(asked, accuracy.differences(found, held))
 
     scene = io.read_json(files.scene)
+    resolution = scene["resolution_um"]
     section, _ = io.read_volume(files.labels, "phase")
+    envelope = io.read_json(files.envelope_test)
     method = settings["flow"]["methods"][0]
     reference = None
     if files.get("reference_pores"):
@@ -54,9 +56,7 @@ with stage(snakemake) as progress, io.open_volume(snakemake.input.twin, "phase")
         **packing,
         **report.phase_values(phase, section),
         **report.surface_values(
-            solid_surface(
-                resample(core(phase), scene["voxel_size_um"], scene["resolution_um"]), scene["resolution_um"]
-            ),
+            solid_surface(core(resample(phase, scene["voxel_size_um"], resolution)), resolution),
             SolidSurface(**io.read_json(files.section_surface)),
         ),
         **report.sampling_values(section, scene["porosity_source"]),
@@ -66,10 +66,10 @@ with stage(snakemake) as progress, io.open_volume(snakemake.input.twin, "phase")
             table("grains"),
             table("pores"),
             random.generator(**snakemake.params.stream, chapter="report"),
-            twin_bodies=packing["n_grains"],
+            twin_bodies=report.bodies_within(table("bodies"), scene),
         ),
-        "s2_inside_envelope": correlation.inside_cloud(table("envelope"), table("s2_slices")),
-        "s2_envelope_p": io.read_json(files.envelope_test)["p"],
+        "s2_inside_envelope": envelope["inside"],
+        "s2_envelope_p": envelope["p"],
         "specific_surface_per_um": surface(s2_volume),
         "porosity_ref": None if reference_s2 is None else 1 - float(reference_s2.s2[0]),
         "specific_surface_ref_per_um": None if reference_s2 is None else surface(reference_s2),

@@ -1,7 +1,4 @@
-"""The section measured at the twin's voxel size, so that both are compared at one resolution.
-
-Its surface is that on the coarser of pixel and voxel: finer voxels do not make what the pixels hid.
-"""
+"""The section on the coarser of its pixels and the twin's voxels, on which both are measured."""
 
 from dataclasses import asdict
 
@@ -14,16 +11,15 @@ from grainfall.surface import solid_surface
 with stage(snakemake):
     section = load_section(snakemake.input.section)
     phase, _ = io.read_volume(snakemake.input.labels, "phase")
-    scene = io.read_json(snakemake.input.scene)
-    voxel, resolution = scene["voxel_size_um"], scene["resolution_um"]
+    resolution = io.read_json(snakemake.input.scene)["resolution_um"]
     instances = section.instances
-    surface = solid_surface(resample(phase, section.pixel_size_um, resolution), resolution)
+    phase = resample(phase, section.pixel_size_um, resolution)
     found = morphology.analyse(
-        resample(phase, section.pixel_size_um, voxel),
-        voxel,
-        instances=None if instances is None else resample(instances, section.pixel_size_um, voxel),
+        phase,
+        resolution,
+        instances=None if instances is None else resample(instances, section.pixel_size_um, resolution),
         **snakemake.params.settings["morphology"],
     )
     io.write_table(snakemake.output.grains, found.grains)
     io.write_table(snakemake.output.pores, found.pores)
-    io.write_json(snakemake.output.surface, asdict(surface))
+    io.write_json(snakemake.output.surface, asdict(solid_surface(phase, resolution)))

@@ -283,12 +283,3 @@ def test_section_of_the_same_medium_passes_and_of_another_fails():
     assert summary["n_slices"] == 200
     finer = boolean_model(rng, (64, 64, 64), 2.0, 0.6)[31]
     assert c.compare_section(finer, 1.0, twins, 1.0, 199, rng)[1]["p"] <= 0.05
-
-
-def test_inside_cloud_reads_the_tables_at_common_lags():
-    slices = pd.DataFrame(
-        {"slice": [0, 0, 0, 1, 1, 1], "lag_um": [0.0, 2.0, 4.0] * 2, "s2": [0.6, 0.4, 0.2, 0.8, 0.6, 0.4]}
-    )
-    # Bounds at lags 0, 1, 3: 0.6-0.8, 0.5-0.7, 0.3-0.5; lag 5 is beyond the slices.
-    envelope = pd.DataFrame({"lag_um": [0.0, 1.0, 3.0, 5.0], "observed": [0.7, 0.45, 0.31, 0.0]})
-    assert c.inside_cloud(envelope, slices) == pytest.approx(2 / 3)

@@ -17,6 +17,7 @@ from grainfall import grains, io, network
 from grainfall.report import (
     METRICS,
     SUMMARY_COLUMNS,
+    bodies_within,
     build_report,
     figure_files,
     figures,
@@ -693,9 +694,28 @@ def test_fewer_independent_bodies_widen_the_bound():
     one, two = (grain_table(np.random.default_rng(n), 300, 12) for n in (1, 2))
     bounds = [
         section_comparison(one, None, two, None, np.random.default_rng(0), 60, n)["w1_grains_um_target"][2]
-        for n in (None, 20)
+        for n in (None, {1: 20})
     ]
     assert bounds[1] > bounds[0]
+
+
+def test_a_rare_mineral_is_held_to_what_chance_gives_its_own_grains():
+    """285 grains of one mineral and 15 of the other, of one law: the others' number is not theirs."""
+    common, rare = (grain_table(np.random.default_rng(n), 300, 12) for n in (1, 2))
+    both = pd.concat([common.assign(phase=1), rare.assign(phase=2)])
+    rng = np.random.default_rng(0)
+    found = section_comparison(both, None, both, None, rng, 60, {1: 285, 2: 15})
+    bounds = {i: found[f"w1_grains_{i}_um_target"][2] for i in (1, 2)}
+    assert bounds[2] > 2 * bounds[1]
+    # of as many as 15, alone
+    alone = section_comparison(rare, None, rare, None, np.random.default_rng(0), 60, {1: 15})
+    assert bounds[2] == pytest.approx(alone["w1_grains_um_target"][2], rel=0.3)
+
+
+def test_grains_of_the_margin_are_not_the_regions():
+    scene = {"shape_zyx": [10, 10, 10], "voxel_size_um": 2.0}
+    bodies = pd.DataFrame({"phase": [1, 2, 2, 1], "x": [1.0, 19.9, 20.0, -0.1], "y": 1.0, "z": 1.0})
+    assert bodies_within(bodies, scene) == {1: 1, 2: 1}
 
 
 def test_many_minerals_stay_readable():

@@ -166,6 +166,19 @@ def test_several_arrays_need_a_name(tmp_path):
     np.testing.assert_array_equal(section.phase, EXPECTED)
 
 
+@pytest.mark.parametrize("scale", [1, 1 / 255])
+def test_one_hot_pixel_does_not_decide_what_is_pore(tmp_path, scale):
+    rng = np.random.default_rng(0)
+    pore = rng.random((60, 60)) < 0.3
+    grey = scale * np.rint(np.where(pore, 90, 180) + rng.normal(0, 8, pore.shape))
+    grey = grey.astype(np.uint16 if scale == 1 else np.float32)
+    grey[7, 7] = 65535 if scale == 1 else 60
+    tifffile.imwrite(tmp_path / "a.tif", grey)
+    found = read_section(tmp_path / "a.tif", "grey", 1.0).phase == 0
+    pore[7, 7] = False
+    assert (found == pore).all()
+
+
 def test_multi_otsu_finds_separated_modes_exactly(tmp_path, request):
     rng = np.random.default_rng(5)
     classes = rng.integers(0, 3, (40, 50))

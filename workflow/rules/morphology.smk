@@ -30,6 +30,7 @@ rule measure_slices:
         twin=f"{TWIN}/twin.zarr.zip",
         bodies=f"{TWIN}/bodies.csv",
         summary=f"{SAMPLE}/section.json",
+        scene=f"{VARIANT}/scene.json",
     output:
         grains=f"{TWIN}/grains2d.csv",
         pores=f"{TWIN}/pores2d.csv",

@@ -84,7 +84,6 @@ rule metrics:
         pores=f"{TWIN}/pores2d.csv",
         s2_slices=f"{TWIN}/s2_slices.csv",
         s2_volume=f"{TWIN}/s2_volume.csv",
-        envelope=f"{VARIANT}/s2_envelope.csv",
         envelope_test=f"{VARIANT}/s2_envelope.json",
         network_pores=f"{TWIN}/network_pores.csv",
         network_throats=f"{TWIN}/network_throats.csv",

@@ -200,24 +200,3 @@ def compare_section(
         "n_windows": len(observed),
         "windows_rejected": float(np.mean(rejected)),
     }
-
-
-def inside_cloud(observed: pd.DataFrame, slices: pd.DataFrame) -> float:
-    """Fraction of lags at which the section's curve lies within the cloud of one twin's slices.
-
-    Parameters
-    ----------
-    observed : DataFrame
-        lag_um, observed: the section's middle window, as :func:`compare_section` gives it.
-    slices : DataFrame
-        slice, lag_um, s2: see :func:`s2_of_slices`. Curves are interpolated linearly where lags differ.
-
-    Returns
-    -------
-    float
-    """
-    curves = slices.pivot_table(index="slice", columns="lag_um", values="s2")
-    lags = curves.columns.to_numpy(float)
-    common = observed[observed["lag_um"] <= lags[-1] * (1 + 1e-9)]
-    cloud = np.array([np.interp(common["lag_um"], lags, curve) for curve in curves.to_numpy()])
-    return fraction_inside(common["observed"].to_numpy(), cloud)

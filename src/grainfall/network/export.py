@@ -36,13 +36,9 @@ def save_openpnm(network: Network, path: str | Path) -> None:
     import openpnm
 
     with atomic_path(path) as part:
-        # OpenPNM appends .csv where it is not there.
-        named = part.with_name(f"{part.name}.csv")
-        try:
-            openpnm.io.network_to_csv(to_openpnm(network), filename=str(named))
-            named.replace(part)
-        finally:
-            named.unlink(missing_ok=True)
+        tables = openpnm.io.network_to_pandas(to_openpnm(network), join=False)
+        # side by side: network_to_csv drops the pores that outnumber the throats
+        pd.concat([tables["throat"], tables["pore"]], axis=1).to_csv(part, index=False)
 
 
 def save(network: Network, pores_csv: str | Path, throats_csv: str | Path) -> None:

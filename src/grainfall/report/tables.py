@@ -84,7 +84,7 @@ METRICS: dict[str, Metric] = {
     "w1_circularity": Metric("grain circularity, distance to the section", source="grains2d.csv"),
     "w1_solidity": Metric("grain solidity, distance to the section", source="grains2d.csv"),
     "s2_inside_envelope": Metric("lags where the section's S₂ lies inside the cloud of slices",
-                                 source="s2_slices.csv", low=0.95),
+                                 source="s2_envelope.json", low=0.95),
     "s2_envelope_p": Metric("envelope test of the section's S₂, p", source="s2_envelope.json", low=0.05),
     "max_overlap": Metric("largest overlap, of the smaller radius", source="contacts.csv", high=0.02),
     "coordination": Metric("contacts per grain, without rattlers", "contacts", "contacts.csv"),
@@ -240,15 +240,13 @@ def packing_values(
         The twin; an open volume file will do.
     """
     counts = voxel_counts(phase)
-    size = np.array(scene["shape_zyx"][::-1]) * scene["voxel_size_um"]
-    centre = bodies[["x", "y", "z"]].to_numpy(float)
     before, after = correction["before"], correction["after"]
     return {
         "porosity": float(counts[0] / phase.size),
         "porosity_target": scene["porosity_target"],
         "porosity_first": deficit["porosity_first"],
         "porosity_second": before["porosity"],
-        "n_grains": int(((centre >= 0) & (centre < size)).all(axis=1).sum()),
+        "n_grains": sum(bodies_within(bodies, scene).values()),
         "n_virtual": second["poured"] - second["poured_grains"],
         "p_sp": second["p_sp"],
         "voxels_per_grain": scene["mean_diameter_um"] / scene["voxel_size_um"],
@@ -277,6 +275,14 @@ def resettling_values(change: Mapping | None) -> dict[str, object]:
     return {f"{name}_resettled": None if change is None else change[key] for name, key in keys.items()}
 
 
+def bodies_within(bodies: pd.DataFrame, scene: Mapping) -> dict[int, int]:
+    """Grains of each mineral in bodies.csv whose centres lie in the region, not in the margin about it."""
+    size = np.array(scene["shape_zyx"][::-1]) * scene["voxel_size_um"]
+    centre = bodies[["x", "y", "z"]].to_numpy(float)
+    within = ((centre >= 0) & (centre < size)).all(axis=1)
+    return {int(phase): int(n) for phase, n in bodies["phase"][within].value_counts().sort_index().items()}
+
+
 def section_comparison(
     section_grains: pd.DataFrame | None,
     section_pores: pd.DataFrame | None,
@@ -284,7 +290,7 @@ def section_comparison(
     twin_pores: pd.DataFrame | None,
     rng: np.random.Generator | None = None,
     repeats: int = 200,
-    twin_bodies: int | None = None,
+    twin_bodies: Mapping[int, int] | None = None,
 ) -> dict[str, object]:
     """Wasserstein distances between what slices of the twin show and what the section shows.
 
@@ -299,9 +305,10 @@ def section_comparison(
         of the two sizes at hand, both drawn from the section (what chance alone gives).
     repeats : int
         Draws behind that quantile.
-    twin_bodies : int, optional
-        Grains of the twin. Slices closer than a grain cut the same ones, so its slices hold no more
-        independent objects than that; without it every cut counts as one, and the target is too strict.
+    twin_bodies : mapping of int to int, optional
+        Grains of the twin by mineral, as :func:`bodies_within` counts them. Slices closer than a grain cut
+        the same ones, so its slices hold no more independent objects than that; without it every cut counts
+        as one, and the target is too strict.
 
     Returns
     -------
@@ -311,7 +318,13 @@ def section_comparison(
     """
     found: dict[str, object] = {}
 
-    def compare(name: str, one: pd.DataFrame | None, two: pd.DataFrame | None, column: str) -> None:
+    def compare(
+        name: str,
+        one: pd.DataFrame | None,
+        two: pd.DataFrame | None,
+        column: str,
+        bodies: int | None = None if twin_bodies is None else sum(twin_bodies.values()),
+    ) -> None:
         one, two = _weighted(one, column), _weighted(two, column)
         if one is None or two is None:
             found[name] = None
@@ -319,7 +332,7 @@ def section_comparison(
         (a, wa), (b, wb) = one, two
         found[name] = scipy.stats.wasserstein_distance(a, b, wa, wb)
         if rng is not None:
-            independent = len(b) if twin_bodies is None else min(len(b), max(1, twin_bodies))
+            independent = len(b) if bodies is None else min(len(b), max(1, bodies))
             draws = [
                 scipy.stats.wasserstein_distance(
                     rng.choice(a, len(a), p=wa / wa.sum()), rng.choice(a, independent, p=wa / wa.sum())
@@ -335,7 +348,8 @@ def section_comparison(
         if len(minerals) > 1:
             for i in minerals:
                 of = [t[t["phase"] == i] for t in (section_grains, twin_grains)]
-                compare(f"w1_grains_{int(i)}_um", *of, "r_um")
+                own = None if twin_bodies is None else twin_bodies.get(int(i), 0)
+                compare(f"w1_grains_{int(i)}_um", *of, "r_um", own)
     compare("w1_pores_um", section_pores, twin_pores, "r_um")
     for shape in ("aspect_ratio", "circularity", "solidity"):
         compare(f"w1_{shape}", section_grains, twin_grains, shape)
@@ -666,10 +680,10 @@ def headline(tables: Sequence[pd.DataFrame]) -> list[str]:
     inside, p = of("s2_inside_envelope"), of("s2_envelope_p")
     if inside is not None:
         said.append(
-            f"The section's S₂ lies inside the cloud of the twin's slices at {inside:.0%} of the lags."
+            f"The section's S₂ lies inside the cloud of the twins' slices at {inside:.0%} of the lags."
         )
     if p is not None:
-        can = "cannot" if p > METRICS["s2_envelope_p"].low else "can"
+        can = "cannot" if p >= METRICS["s2_envelope_p"].low else "can"
         said.append(
             f"By S₂ the section {can} be told from a slice of the twins (envelope test, p = {number(p, 2)})."
         )

@@ -447,14 +447,18 @@ def _multi_otsu(
             where, f"{len(found)} grey levels for {classes} classes", "an image with contrast is needed"
         )
     # At most 256 bins of whole levels: the search is of that number to the power of the thresholds.
-    width = -(-(int(found[-1]) - int(found[0]) + 1) // 256)
-    bins = (found - found[0]) // width
+    low, high = int(found[0]), int(found[-1])
+    if high - low >= 256:
+        # The outermost thousandths are of the end bins: one hot pixel would leave one bin to all the rest.
+        low, high = (int(found[np.searchsorted(np.cumsum(counts), q * counts.sum())]) for q in (0.001, 0.999))
+    width = -(-(high - low + 1) // 256)
+    bins = (np.clip(found, low, high) - low) // width
     histogram = np.bincount(bins, weights=counts)
     if np.count_nonzero(histogram) < classes:
         raise InputError(where, "too little contrast for the classes", "ask for fewer classes")
     last = threshold_multiotsu(classes=classes, hist=(histogram, np.arange(len(histogram))))
     # A class ends with the highest level of its last bin.
-    thresholds = (last.astype(np.int64) + 1) * width + int(found[0]) - 1
+    thresholds = (last.astype(np.int64) + 1) * width + low - 1
     notes["multi_otsu_thresholds"] = [int(t) for t in thresholds]
     labels = np.searchsorted(thresholds, found, side="left").astype(np.uint8)
     return _replaced(grey, found, labels), names, values
