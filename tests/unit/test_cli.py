@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pandas as pd
@@ -19,6 +20,23 @@ from grainfall import config as sheet
 from grainfall.cli import look, study
 from grainfall.cli.costs import Costs
 from grainfall.errors import InputError
+
+DEAF = (
+    "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); "
+    "print('on', flush=True); time.sleep(60)"
+)
+"""A program that does not heed being terminated."""
+
+
+def test_an_interrupted_command_that_does_not_stop_is_killed(monkeypatch):
+    def interrupted(line, known):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(study, "PATIENCE_S", 0.2)
+    begin = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        study.follow([sys.executable, "-c", DEAF], interrupted)
+    assert time.monotonic() - begin < 30
 
 
 @pytest.fixture(scope="module")

@@ -201,15 +201,28 @@ def follow(command: Sequence[str], each: Callable[[str, Followed], None]) -> tup
     return process.returncode, known
 
 
+PATIENCE_S = 15.0
+"""What an interrupted command is given to stop by itself."""
+
+
 @contextlib.contextmanager
 def _started(command: Sequence[str]) -> Iterator[subprocess.Popen]:
-    """The running command; it ends with the block, and stops its jobs first when we are interrupted."""
+    """The running command; it ends with the block, and stops its jobs first when we are interrupted.
+
+    Snakemake's handler of signals takes a lock that its main thread may hold, and then waits for ever. It is
+    killed then, which ends its jobs, too, and loses nothing: the next run goes on as after any kill.
+    """
     said = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
     process = subprocess.Popen(command, env={**os.environ, "GRAINFALL_CLI": str(os.getpid())}, **said)
     try:
         yield process
     except BaseException:
         process.terminate()
+        try:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(PATIENCE_S)
+        finally:
+            process.kill()
         raise
     finally:
         process.wait()

@@ -32,8 +32,14 @@ def to_openpnm(network: Network) -> object:
 
 
 def save_openpnm(network: Network, path: str | Path) -> None:
-    """Write a network as the one CSV that ``openpnm.io.network_from_csv`` reads, in metres."""
+    """Write a network as the one CSV that ``openpnm.io.network_from_csv`` reads, in metres.
+
+    Throats from a pore to itself carry nothing, and OpenPNM's models refuse them: they are left out.
+    """
     import openpnm
+
+    linking = network["throat.conns"][:, 0] != network["throat.conns"][:, 1]
+    network = {name: v[linking] if name.startswith("throat.") else v for name, v in network.items()}
 
     with atomic_path(path) as part:
         tables = openpnm.io.network_to_pandas(to_openpnm(network), join=False)

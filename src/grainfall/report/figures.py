@@ -631,14 +631,18 @@ def s2_figure(
         mean = along.groupby("lag_um")["s2"].mean()
         left.plot(mean.index, mean, color=TRUTH, ls=(0, (4, 1.5)), lw=1.8, label="reference volume")
     if envelope is not None:
-        left.plot(envelope["lag_um"], envelope["observed"], color=SECTION, lw=1.3, label="section")
+        edges = (envelope_result or {}).get("window_um")
+        of_section = "section" + (
+            "" if edges is None else f", {' × '.join(map(number, edges[::-1]))} µm of it"
+        )
+        left.plot(envelope["lag_um"], envelope["observed"], color=SECTION, lw=1.3, label=of_section)
         n = (envelope_result or {}).get("n_slices")
         right.fill_between(
             envelope["lag_um"], envelope["lower"], envelope["upper"], color=to_rgba(TWIN, 0.3), lw=0,
             label="global 95 % envelope" + (f", {n} slices" if n else ""),
         )  # fmt: skip
         right.plot(envelope["lag_um"], envelope["mean"], color=TWIN, lw=1.0, label="mean of the slices")
-        right.plot(envelope["lag_um"], envelope["observed"], color=SECTION, lw=1.3, label="section")
+        right.plot(envelope["lag_um"], envelope["observed"], color=SECTION, lw=1.3, label=of_section)
         p = (envelope_result or {}).get("p")
         right.set_title("Global envelope" + ("" if p is None else f": p = {number(p, 2)}"))
         right.legend()

@@ -70,8 +70,9 @@ TEXTS = {
         "Two-point correlation",
         "Correlation",
         "Probability that two points a lag apart both lie in the solid. Left: slices of the twin and the "
-        "section. Right: global envelope of slices from all realizations, in windows of the section's size; "
-        "the test asks whether the section could be one of them.",
+        "section. Right: global envelope of slices from all realizations; the test asks whether the section "
+        "could be one of them. Both are seen in windows of one size, the largest that section and twin hold; "
+        "the curve of a larger section is that of its middle window, whose porosity is its own.",
         "S2 curves of slices of the twin with the section's curve, and the global envelope around it.",
         "S₂ has not been computed yet.",
     ),
