@@ -553,7 +553,9 @@ def _read_sheet(path: str, first: str, known: dict[str, dict]) -> dict[str, dict
         ) from None
     header = [cell.strip() for cell in cells[0]] if cells else []
     if first not in header or len(cells) < 2:
-        raise InputError(path, f"has no column '{first}' or no row", "see config/README.md")
+        tabs = len(header) == 1 and re.search(r"[\s,;]", header[0])
+        right = "columns separated by tabs" if tabs else "see config/README.md"
+        raise InputError(path, f"has no column '{first}' or no row", right)
     if len(set(header)) < len(header):
         raise InputError(path, "a column stands there twice", "unique columns")
     rows: dict[str, dict] = {}

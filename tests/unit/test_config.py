@@ -174,6 +174,8 @@ SHEET = "sample\timage\tkind\tpixel_size_um\n"
     [
         ("", "no column 'sample'"),
         ("a\tb\n1\t2\n", "no column 'sample'"),
+        ("sample,image\na,a.png\n", "columns separated by tabs"),
+        ("sample  image\na  a.png\n", "columns separated by tabs"),
         (SHEET, "no row"),
         (SHEET + "a\t\tsynthetic\t\n", "pixel_size_um is missing"),
         (SHEET + "a\t\tsynthetic\tone\n", "'one' is not a number"),
