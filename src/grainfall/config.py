@@ -318,6 +318,7 @@ def resolve(config: dict, schema: dict, presets: dict, where: str = "config") ->
     check(whole, schema, where)
     for name in whole["data"]:
         _check_name(name, f"{where}: data", "entry")
+    of_variants = {**schema, "required": [], "properties": {k: schema["properties"][k] for k in VARIANT_KEYS}}
     for name, over in whole["variants"].items():
         _check_name(name, f"{where}: variants", "variant")
         for key in over or {}:
@@ -327,7 +328,7 @@ def resolve(config: dict, schema: dict, presets: dict, where: str = "config") ->
                     f"'{key}' cannot differ between variants of one sample",
                     f"override one of: {', '.join(VARIANT_KEYS)}",
                 )
-        check({"samples": "-", **(over or {})}, schema, f"{where}: variants.{name}")
+        check(over or {}, of_variants, f"{where}: variants.{name}")
     whole["variants"] = {name: _meant(over, whole["scene"]) for name, over in whole["variants"].items()}
     # samples and variants are shown in the user's order
     named = {key: whole[key] for key in ("samples", "variants") if isinstance(whole[key], dict)}
@@ -553,7 +554,9 @@ def _read_sheet(path: str, first: str, known: dict[str, dict]) -> dict[str, dict
         ) from None
     header = [cell.strip() for cell in cells[0]] if cells else []
     if first not in header or len(cells) < 2:
-        raise InputError(path, f"has no column '{first}' or no row", "see config/README.md")
+        tabs = len(header) == 1 and re.search(r"[\s,;]", header[0])
+        right = "columns separated by tabs" if tabs else "see config/README.md"
+        raise InputError(path, f"has no column '{first}' or no row", right)
     if len(set(header)) < len(header):
         raise InputError(path, "a column stands there twice", "unique columns")
     rows: dict[str, dict] = {}

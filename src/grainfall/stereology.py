@@ -36,7 +36,7 @@ class SizeDistribution:
     f2d, f3d : (n,) ndarray
         Number densities of section radii and of particle radii, per micrometre; each integrates to 1.
     lower, upper : (n,) ndarray
-        Pointwise 95 % bootstrap band of ``f3d``; equal to it where no bootstrap was asked for.
+        Pointwise 95 % bootstrap band of ``f3d``; NaN where no bootstrap was asked for.
     method : str
         How ``f3d`` was found.
     regularisation : float
@@ -178,7 +178,7 @@ def unfold(
         Resamples of the sections behind the 95 % band. ``adaptive`` weighs its numbers of components anew for
         each of them, the other methods hold their regularisation.
     rng : numpy.random.Generator, optional
-        Draws the resamples. Without it there is no band: ``lower`` and ``upper`` equal ``f3d``.
+        Draws the resamples. Without it there is no band: ``lower`` and ``upper`` are NaN.
 
     Returns
     -------
@@ -206,7 +206,7 @@ def unfold(
 
     f3d = on_edges(inversion.f3d)
     f2d = _histogram(radii, weights, edges)
-    lower = upper = f3d
+    lower = upper = np.full_like(f3d, np.nan)
     if rng is not None and bootstrap > 0:
         n = len(radii)
         copies = weights * rng.multinomial(n, np.full(n, 1.0 / n), size=bootstrap)

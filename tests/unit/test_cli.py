@@ -301,6 +301,11 @@ def test_what_is_no_length(text):
         look.length_um(text)
 
 
+@pytest.mark.parametrize(("voxels", "text"), [(143_055_667, "140"), (262_144, "0.26"), (2**31, "2100")])
+def test_millions_are_written_out(voxels, text):
+    assert look._millions(voxels) == text
+
+
 def test_a_known_law_is_found_again():
     """Costs made by a power law and straight lines come back from the fit."""
     rng = np.random.default_rng(0)
@@ -321,6 +326,10 @@ def test_a_known_law_is_found_again():
     assert cost.grains == 1000  # 0.6 of a cube of 100 um in grains of 600 um3
     assert cost.cpu_s == pytest.approx(0.005 * 1000**1.4 + 30 + 0.64)
     assert cost.memory_mb == pytest.approx(300 + 12.8)
+    most = table.grains.max()
+    for times, measured in ((1.9, True), (2.1, False)):
+        edge = (times * most * 600 / 0.6) ** (1 / 3) - 2 * scene["margin_um"]
+        assert costs.twin("standard", scene | {"edge_um": edge}).measured is measured
 
 
 def test_the_table_of_costs_is_a_measurement():

@@ -154,6 +154,8 @@ def test_names_that_yaml_does_not_leave_as_written(schema, presets, text, words)
         ({"realizations": "two"}, "realizations"),
         ({"variants": {"a": {"stereology": {"method": "none"}}}}, "cannot differ between variants"),
         ({"variants": {"a": {"packing": {"engin": 1}}}}, "did you mean 'engine'"),
+        ({"variants": {"a": {"sampels": 1}}}, "known keys: effects, feedback, flow, network, packing, scene"),
+        ({"variants": {"a": {"scen": {}}}}, "did you mean 'scene'"),
         ({"variants": {"../a": {}}}, "is no name"),
         ({"feedback": {"limit": 0.05}}, "feedback.limit"),
         ({"effects": {"cement": "maybe"}}, "one of: auto, on, off"),
@@ -174,6 +176,8 @@ SHEET = "sample\timage\tkind\tpixel_size_um\n"
     [
         ("", "no column 'sample'"),
         ("a\tb\n1\t2\n", "no column 'sample'"),
+        ("sample,image\na,a.png\n", "columns separated by tabs"),
+        ("sample  image\na  a.png\n", "columns separated by tabs"),
         (SHEET, "no row"),
         (SHEET + "a\t\tsynthetic\t\n", "pixel_size_um is missing"),
         (SHEET + "a\t\tsynthetic\tone\n", "'one' is not a number"),

@@ -729,6 +729,17 @@ def test_many_minerals_stay_readable():
     assert block.legends[0].get_texts()[-1].get_text() == "and 31 more"
 
 
+def test_the_sizes_show_a_band_only_where_there_is_one():
+    sizes = histogram("grain", 1, 12, np.random.default_rng(0))
+
+    def legend(table):
+        return [text.get_text() for text in figures.sizes_figure(table, PHASES).legends[0].get_texts()]
+
+    assert "bootstrap band" in legend(sizes)
+    assert "bootstrap band" not in legend(sizes.assign(lower=np.nan, upper=np.nan))
+    assert "bootstrap band" not in legend(sizes.assign(lower=sizes.f3d, upper=sizes.f3d))
+
+
 # ---- the page in a browser
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)

@@ -503,7 +503,7 @@ def test_refinement_where_grains_overlap(overlap, switch, on):
     assert found["on"] is on
     assert found["forced"] is (switch != "auto")
     assert len(tried) == 1 + on
-    assert f"{overlap:.4f}" in found["reason"]
+    assert f"of the collision shapes, {overlap:.4f} of the smaller radius" in found["reason"]
     if on:
         assert tried[1].dt == tried[0].dt / 2
         assert tried[1].solver_iterations == 2 * tried[0].solver_iterations

@@ -178,6 +178,11 @@ def _rounded(value: float) -> float:
     return float(f"{value:.2g}")
 
 
+def _millions(count: int) -> str:
+    """Of two digits, and never as a power of ten."""
+    return f"{_rounded(count / 1e6):.10g}"
+
+
 def check_free(folder: Path, image: Path, force: bool) -> None:
     """Refuse a folder that no study can lie in, and one that holds a study or another image of this name,
     unless they may be replaced.
@@ -314,7 +319,11 @@ def described(found: Findings) -> list[str]:
         f"{name} {share:.1%}" for name, share in zip(names[1:], found.summary["fractions"], strict=True)
     )
     cost = found.cost
-    beyond = "" if cost.measured else " This one is larger than any measured: the fit is carried on."
+    beyond = (
+        ""
+        if cost.measured
+        else " This one has more than twice the grains of any measured: the fit is carried on."
+    )
     box = f"a box of {found.edge_um:g} um, voxels of {found.voxel_size_um:g} um"
     errors = sampling_errors(found.section.phase)
     return [
@@ -325,7 +334,7 @@ def described(found: Findings) -> list[str]:
         f"{found.radius2d_um:.3g} um in the section, {found.radius3d_um:.3g} um in space.",
         f"{left_open(errors.k, errors.porosity)}.",
         f"Suggested: preset {found.preset}, {box}.",
-        f"A twin of {cost.grains} grains and {cost.voxels / 1e6:.2g} million voxels takes about "
+        f"A twin of {cost.grains} grains and {_millions(cost.voxels)} million voxels takes about "
         f"{duration(cost.cpu_s)} of one core and {cost.memory_mb / 1024:.1f} GB.",
         f"That is a fit to {SOURCE}; each twin there is within a factor of {cost.factor:.2g} of what the "
         f"others let expect of it.{beyond}",

@@ -188,7 +188,8 @@ def pack_first(pack_with: Callable[[Parameters], Packing], parameters: Parameter
     refinement = decide(
         switch,
         overlap > MOST_OVERLAP,
-        f"the largest overlap of {overlap:.4f} of the smaller radius {words} {MOST_OVERLAP:g}",
+        f"the largest overlap of the collision shapes, {overlap:.4f} of the smaller radius, {words} "
+        f"{MOST_OVERLAP:g}",
     ) | {"cost_s": None}
     if refinement["on"]:
         coarse_s = report["wall_s"]

@@ -288,9 +288,10 @@ def sizes_figure(
             _density(top, seen["r_um"], seen["weight"], wide, TWIN, "-", "twin, slices")
 
         f3d, lower, upper = (merged(edges, table[c].to_numpy())[1] for c in ("f3d", "lower", "upper"))
-        bottom.stairs(
-            upper, wide, baseline=lower, fill=True, color=to_rgba(colour, 0.35), label="bootstrap band"
-        )
+        if np.any(lower < upper):  # neither empty, nor as without a bootstrap
+            bottom.stairs(
+                upper, wide, baseline=lower, fill=True, color=to_rgba(colour, 0.35), label="bootstrap band"
+            )
         bottom.stairs(f3d, wide, color=SECTION, lw=1.4, label="section, unfolded")
         if truth is not None and not pore:
             of_phase = truth.loc[truth["phase"] == phase, "r_um"]

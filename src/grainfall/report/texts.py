@@ -28,8 +28,8 @@ TEXTS = {
         "Sizes in 2D and in 3D",
         "Sizes",
         "Above: radii seen on the section, and on slices of the twin. Below: radii unfolded to 3D with the "
-        "bootstrap band, the twin's own grains, and the truth where it is known. Number densities; every "
-        "histogram integrates to 1.",
+        "bootstrap band where one was asked for, the twin's own grains, and the truth where it is known. "
+        "Number densities; every histogram integrates to 1.",
         "Histograms of grain radii by mineral and of pore-circle radii, on slices above and in 3D below.",
         "No sizes have been unfolded yet.",
     ),
