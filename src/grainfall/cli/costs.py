@@ -35,7 +35,8 @@ class Cost:
     memory_mb : float
         Of its largest job.
     measured : bool
-        Whether the table holds a twin of half as many grains or more; beyond, the fit is carried on.
+        Whether the table holds twins of half as many grains, and of half as many voxels, or more; beyond, the
+        fit is carried on.
     """
 
     grains: int
@@ -109,5 +110,7 @@ class Costs:
             cpu_s=float(self._seconds(preset, grains, voxels)),
             factor=self.factor,
             memory_mb=float(np.polyval(self._on_voxels("peak_rss_mb"), voxels)),
-            measured=bool(grains <= 2 * self.table["grains"].max()),
+            measured=bool(
+                grains <= 2 * self.table["grains"].max() and voxels <= 2 * self.table["voxels"].max()
+            ),
         )

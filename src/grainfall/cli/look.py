@@ -322,7 +322,7 @@ def described(found: Findings) -> list[str]:
     beyond = (
         ""
         if cost.measured
-        else " This one has more than twice the grains of any measured: the fit is carried on."
+        else " This one is more than twice as large as any measured: the fit is carried on."
     )
     box = f"a box of {found.edge_um:g} um, voxels of {found.voxel_size_um:g} um"
     errors = sampling_errors(found.section.phase)
