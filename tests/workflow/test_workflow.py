@@ -362,6 +362,25 @@ def test_edit_of_a_late_chapter_reruns_what_it_touches(finished, tmp_path):
     assert not {"first_packing", "twin", "network", "flow", "s2_volume"} & set(rerun)
 
 
+@pytest.mark.parametrize(
+    ("module", "rule", "file", "again"),
+    [
+        ("resample", "section_as_resolved", "section_surface.json", True),
+        ("resample", "deficit", "0/deficit.json", True),
+        ("resample", "measure_slices", "0/grains2d.csv", True),
+        ("resample", "twin", "0/bodies.csv", True),
+        ("raster", "twin", "0/bodies.csv", False),
+    ],
+)
+def test_edit_of_an_early_module_reruns_what_uses_it(finished, tmp_path, module, rule, file, again):
+    house = another_house(tmp_path / "house", "__pycache__")
+    with (house / f"src/grainfall/section/{module}.py").open("a") as source:
+        source.write("\n# edited\n")
+    alone = ["--rerun-triggers", "params", "--allowed-rules", rule, "--", f"results/tiny/full/{file}"]
+    rerun = planned(finished, *alone, snakefile=house / "Snakefile")
+    assert rerun == ({rule: 1} if again else {})
+
+
 def test_any_number_of_slabs_gives_the_same_bytes(finished, tmp_path):
     """With chunks of 16 planes in place of 128, so that a tiny volume has three layers of them.
 

@@ -421,10 +421,12 @@ def where_referenced(path):
 def where_measured_alike(path):
     """An input function: as :func:`where_referenced`, where the variant measures its twins as the reference was."""
 
+    def by(whole):
+        return whole["network"], whole["flow"]["conductance"]
+
     def of(wildcards):
-        whole = VARIANTS[wildcards.variant]
-        by = [(of["network"], of["flow"]["conductance"]) for of in (whole, CONFIG)]
-        return where_referenced(path)(wildcards) if by[0] == by[1] else []
+        alike = by(VARIANTS[wildcards.variant]) == by(CONFIG)
+        return where_referenced(path)(wildcards) if alike else []
 
     return of
 

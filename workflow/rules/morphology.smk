@@ -46,7 +46,7 @@ rule measure_slices:
     params:
         stream=stream,
         settings=settings("morphology", "correlation.slices"),
-        science=science("morphology", "volume.cement"),
+        science=science("morphology", "section.resample", "volume.cement"),
     script:
         "../../scripts/measure_slices.py"
 
@@ -71,6 +71,6 @@ rule section_as_resolved:
         runtime=runtime(30),
     params:
         settings=settings("morphology"),
-        science=science("morphology", "surface"),
+        science=science("morphology", "section.resample", "surface"),
     script:
         "../../scripts/section_as_resolved.py"

@@ -86,7 +86,9 @@ rule deficit:
             "stereology.method",
             "correlation.slices",
         ),
-        science=science("packing", "morphology", "stereology", "volume.cement"),
+        science=science(
+            "packing", "morphology", "section.resample", "stereology", "volume.cement"
+        ),
     script:
         "../../scripts/deficit.py"
 

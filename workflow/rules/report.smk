@@ -82,7 +82,6 @@ rule metrics:
         bodies=f"{TWIN}/bodies.csv",
         grains=f"{TWIN}/grains2d.csv",
         pores=f"{TWIN}/pores2d.csv",
-        s2_slices=f"{TWIN}/s2_slices.csv",
         s2_volume=f"{TWIN}/s2_volume.csv",
         envelope_test=f"{VARIANT}/s2_envelope.json",
         network_pores=f"{TWIN}/network_pores.csv",
@@ -220,6 +219,7 @@ rule figure:
         second=f"{TWIN}/second/volume.zarr.zip",
         plan=f"{TWIN}/plan.json",
         metrics=f"{TWIN}/metrics.csv",
+        s2_slices=f"{TWIN}/s2_slices.csv",
         reference_s2=where_referenced("reference_s2.csv"),
     output:
         svg=report(

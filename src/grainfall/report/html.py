@@ -657,9 +657,7 @@ def drawn_grains(r: Results) -> pd.DataFrame | None:
     if bodies is None or twin is None or cement is None:
         return None
     bodies["scale"] /= size_factor(cement)
-    reach = np.array(twin[1]["phase"][::-1]) * float(twin[0]["voxel_size_um"])
-    centre = bodies[["x", "y", "z"]].to_numpy()
-    return bodies[((centre >= 0) & (centre < reach)).all(1)]
+    return tables.within(bodies, twin[1]["phase"], float(twin[0]["voxel_size_um"]))
 
 
 # ---- helpers

@@ -278,10 +278,14 @@ def resettling_values(change: Mapping | None) -> dict[str, object]:
 
 def bodies_within(bodies: pd.DataFrame, scene: Mapping) -> dict[int, int]:
     """Grains of each mineral in bodies.csv whose centres lie in the region, not in the margin about it."""
-    size = np.array(scene["shape_zyx"][::-1]) * scene["voxel_size_um"]
+    own = within(bodies, scene["shape_zyx"], scene["voxel_size_um"])["phase"]
+    return {int(phase): int(n) for phase, n in own.value_counts().sort_index().items()}
+
+
+def within(bodies: pd.DataFrame, shape_zyx: Sequence[int], voxel_size_um: float) -> pd.DataFrame:
+    """The bodies whose centres lie in a region; the others belong to the margin about it."""
     centre = bodies[["x", "y", "z"]].to_numpy(float)
-    within = ((centre >= 0) & (centre < size)).all(axis=1)
-    return {int(phase): int(n) for phase, n in bodies["phase"][within].value_counts().sort_index().items()}
+    return bodies[((centre >= 0) & (centre < np.array(shape_zyx[::-1]) * voxel_size_um)).all(axis=1)]
 
 
 def section_comparison(

@@ -450,7 +450,8 @@ def _multi_otsu(
     low, high = int(found[0]), int(found[-1])
     if high - low >= 256:
         # The outermost thousandths are of the end bins: one hot pixel would leave one bin to all the rest.
-        low, high = (int(found[np.searchsorted(np.cumsum(counts), q * counts.sum())]) for q in (0.001, 0.999))
+        ends = np.quantile(found, (0.001, 0.999), weights=counts, method="inverted_cdf")
+        low, high = ends.astype(int).tolist()
     width = -(-(high - low + 1) // 256)
     bins = (np.clip(found, low, high) - low) // width
     histogram = np.bincount(bins, weights=counts)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 import pandas as pd
 
 from grainfall.packing.plan import decide
-from grainfall.section import resample
+from grainfall.section.resample import resample
 from grainfall.surface import solid_surface
 from grainfall.volume.cement import with_rims
 from grainfall.volume.measures import porosity
