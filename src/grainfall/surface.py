@@ -5,12 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # its stats take half a second to load, and do so when they are first used
 
 CELLS = 64
 """Cells of an image between which its surface scatters: 8 x 8 of a section, 4 x 4 x 4 of a volume."""
 
 TILES = 4
 """Tiles along an edge of a section between which what it says of K scatters."""
+
+ALIGNED, BY_CHANCE = 1.2, 0.001
+"""From what ratio of crossings, and below what share of chance, a section is said to be aligned."""
 
 CORE = 256
 """Edge, voxels, of the core of a volume on which its surface is looked at."""
@@ -30,6 +34,26 @@ class SolidSurface:
 
     per_um: float
     error: float
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """How far what a section shows lies in one direction.
+
+    Attributes
+    ----------
+    ratio : float
+        Surface crossed by lines across what lies aligned, over that crossed along it; 1 where all directions
+        are alike.
+    along_deg : float
+        The direction along which it lies, in [0, 180): counter-clockwise from x, as the image is seen.
+    p : float
+        How often chance does as much to a section of no direction.
+    """
+
+    ratio: float
+    along_deg: float
+    p: float
 
 
 @dataclass(frozen=True)
@@ -132,6 +156,57 @@ def sampling_errors(phase: np.ndarray) -> SamplingErrors:
         float(ratio_of_sums(pore, area)[1]),
         float(ratio_of_sums(3 * pores - 2 * crossings, whole)[1]),
         float(2 * ratio_of_sums(crossings, solids)[1]),
+    )
+
+
+def alignment(phase: np.ndarray) -> Alignment:
+    """How far a section's solid lies aligned.
+
+    Parameters
+    ----------
+    phase : (ny, nx) array of int
+        0 pore.
+
+    Returns
+    -------
+    Alignment
+        Not a number where the section is too small for :data:`TILES`, or shows too little surface.
+
+    Notes
+    -----
+    Crossings by length of line along x, y and both diagonals, P_L(t) = a + b cos 2t + c sin 2t (the second
+    harmonic of Saltykov's rose). Whether (b, c) / a differs from zero is Hotelling's test of its scatter over
+    tiles, which are taken as independent.
+    """
+    solid = np.asarray(phase) > 0
+    here = solid[:-1, :-1]
+    beside, across, below = solid[:-1, 1:], solid[1:, 1:], solid[1:, :-1]
+    lines = ((here, beside, 1.0), (here, across, np.sqrt(2)), (here, below, 1.0), (beside, below, np.sqrt(2)))
+    x, falling, y, rising = (_by_cells(one ^ other, TILES) / step for one, other, step in lines)
+    mean, harmonic = (x + falling + y + rising) / 4, np.array([x - y, falling - rising]) / 2
+    n = len(mean)
+    if n < TILES**2 or not mean.sum():
+        return Alignment(np.nan, np.nan, np.nan)
+    found = harmonic.sum(axis=1) / mean.sum()
+    residual = (harmonic - found[:, None] * mean) / mean.sum()
+    scatter = n / (n - 1) * residual @ residual.T
+    if np.linalg.matrix_rank(scatter, hermitian=True) < 2:
+        return Alignment(np.nan, np.nan, np.nan)
+    squared = found @ np.linalg.solve(scatter, found)
+    p = scipy.stats.f.sf(squared * (n - 2) / (2 * (n - 1)), 2, n - 2)
+    size = np.hypot(*found)
+    most_crossed = np.degrees(np.arctan2(found[1], found[0])) / 2  # from x towards y, which points down
+    return Alignment(float((1 + size) / (1 - size)), float((90 - most_crossed) % 180), float(p))
+
+
+def lies_aligned(section: Alignment) -> str | None:
+    """What to know of an aligned section, in words; None where nothing shows that it is one."""
+    if not (section.p < BY_CHANCE and section.ratio > ALIGNED):
+        return None
+    return (
+        f"The section lies aligned: its surface is crossed {section.ratio:.3g} times as often across "
+        f"{section.along_deg:.0f} degrees from x as along it. A twin does not keep directions: its "
+        "permeabilities along x, y and z differ by how grains settle, not by this"
     )
 
 

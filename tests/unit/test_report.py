@@ -607,12 +607,14 @@ def test_what_the_section_leaves_open_is_said():
     errors = sampling_errors(phase)
     own, given = (sampling_values(phase, source) for source in ("areal of the section", "given"))
     assert (own["k_sampling_error"], own["porosity_sampling_error"]) == (errors.k, errors.porosity)
-    assert given == {"k_sampling_error": errors.k_at_porosity, "porosity_sampling_error": None}
+    assert given == own | {"k_sampling_error": errors.k_at_porosity, "porosity_sampling_error": None}
     said = [headline([metrics_table(values)])[-1] for values in (own, given)]
     assert all(
         f"K open by a factor of {f:.3g} either way" in s
         for f, s in zip((np.exp(2 * errors.k), np.exp(2 * errors.k_at_porosity)), said, strict=True)
     )
+    layers = np.repeat(phase[:, :20], 10, axis=1)
+    assert "lies aligned" in headline([metrics_table(sampling_values(layers, "given"))])[-1]
     assert [f"porosity by {2 * errors.porosity:.2g}" in s for s in said] == [True, False]
     blank = sampling_values(np.ones((9, 9), np.uint8), "given")
     assert headline([metrics_table(blank)]) == []

@@ -107,3 +107,38 @@ def test_slices_of_berea_scatter_as_one_of_them_says(shared_data):
             )
             said.append(astuple(surface.sampling_errors(plane)))
     assert np.std(found, axis=0, ddof=1) / np.mean(said, axis=0) == pytest.approx(1, abs=0.25)
+
+
+def ellipses(rng, edge, number, degrees):
+    """Ellipses of 2.5 to 1 along a direction, counter-clockwise from x as an image is seen, or each along its own."""
+    y, x = np.indices((edge, edge))
+    solid = np.zeros((edge, edge), bool)
+    for _ in range(number):
+        turned = np.radians(rng.random() * 180 if degrees is None else degrees)
+        dx, dy = x - rng.random() * edge, rng.random() * edge - y
+        along, aside = dx * np.cos(turned) + dy * np.sin(turned), dy * np.cos(turned) - dx * np.sin(turned)
+        solid |= (along / 25) ** 2 + (aside / 10) ** 2 < 1
+    return solid
+
+
+@pytest.mark.parametrize("degrees", [0, 20, 45, 100, 135])
+def test_grains_that_lie_along_a_direction_are_found_to(degrees):
+    # lines across an ellipse meet it a / b times as often as lines along it, and cross diagonals between
+    found = surface.alignment(ellipses(np.random.default_rng(1), 400, 110, degrees))
+    assert found.ratio == pytest.approx(2.5, rel=0.12)
+    assert (found.along_deg - degrees + 90) % 180 - 90 == pytest.approx(0, abs=3)
+    assert surface.lies_aligned(found).startswith("The section lies aligned")
+
+
+def test_grains_of_no_direction_are_not():
+    rng = np.random.default_rng(2)
+    found = [surface.alignment(ellipses(rng, 300, 70, None)) for _ in range(100)]
+    assert np.mean([f.p < 0.05 for f in found]) < 0.15  # of so few grains tiles are not normal
+    assert sum(surface.lies_aligned(f) is not None for f in found) <= 1
+
+
+@pytest.mark.parametrize("lacking", [np.zeros((90, 90)), np.ones((90, 90)), np.eye(3), np.eye(90)[:, :2]])
+def test_where_nothing_can_be_seen_of_a_direction_nothing_is_said(lacking):
+    found = surface.alignment(lacking)
+    assert np.isnan([found.ratio, found.along_deg, found.p]).all()
+    assert surface.lies_aligned(found) is None

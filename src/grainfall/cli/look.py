@@ -18,7 +18,7 @@ from grainfall.cli.costs import SOURCE, Cost, Costs
 from grainfall.cli.study import CONFIGS, check_braces, resolved, schema
 from grainfall.errors import InputError
 from grainfall.section import Section, guess_kind, read_section
-from grainfall.surface import left_open, sampling_errors
+from grainfall.surface import alignment, left_open, lies_aligned, sampling_errors
 
 LENGTHS_UM = {"": 1.0, "um": 1.0, "µm": 1.0, "μm": 1.0, "nm": 1e-3, "mm": 1e3}
 VOXELS_A_GRAIN = 16
@@ -325,7 +325,7 @@ def described(found: Findings) -> list[str]:
         else " This one is more than twice as large as any measured: the fit is carried on."
     )
     box = f"a box of {found.edge_um:g} um, voxels of {found.voxel_size_um:g} um"
-    errors = sampling_errors(found.section.phase)
+    errors, aligned = sampling_errors(found.section.phase), lies_aligned(alignment(found.section.phase))
     return [
         f"{found.image.name}: {width} x {height} pixels of {pixel:g} um.",
         f"Taken for kind {found.kind}: {found.reason}.{_pore_taken(found)}",
@@ -333,6 +333,7 @@ def described(found: Findings) -> list[str]:
         f"{found.summary['n_grains']} grains, {found.summary['n_grains_uncut']} of them whole; mean radius "
         f"{found.radius2d_um:.3g} um in the section, {found.radius3d_um:.3g} um in space.",
         f"{left_open(errors.k, errors.porosity)}.",
+        *([f"{aligned}."] if aligned else []),
         f"Suggested: preset {found.preset}, {box}.",
         f"A twin of {cost.grains} grains and {_millions(cost.voxels)} million voxels takes about "
         f"{duration(cost.cpu_s)} of one core and {cost.memory_mb / 1024:.1f} GB.",

@@ -14,7 +14,15 @@ import numpy as np
 import pandas as pd
 import scipy  # its stats take half a second to load, and do so when they are first used
 
-from grainfall.surface import SolidSurface, left_open, ratio_of_sums, sampling_errors
+from grainfall.surface import (
+    Alignment,
+    SolidSurface,
+    alignment,
+    left_open,
+    lies_aligned,
+    ratio_of_sums,
+    sampling_errors,
+)
 
 SUMMARY_COLUMNS = (
     "sample", "variant", "realization", "engine", "n_grains", "voxel_size_um",
@@ -104,6 +112,10 @@ METRICS: dict[str, Metric] = {
                                       source="section"),
     "k_sampling_error": Metric("standard error of ln K by the section's own sampling (Kozeny-Carman)",
                                source="section"),
+    "section_alignment": Metric("surface of the section, crossed across what lies aligned over along it",
+                                source="section"),
+    "section_alignment_deg": Metric("direction along which it lies, counter-clockwise from x", "deg", "section"),
+    "section_alignment_p": Metric("how often chance aligns a section as much", source="section"),
     "accuracy_error": Metric("error in what accuracy asks for", source="config"),
     "wall_s": Metric("wall time of the realization", "s", "benchmarks"),
     "peak_rss_mb": Metric("peak memory of its largest job", "MB", "benchmarks"),
@@ -444,7 +456,7 @@ def surface_values(twin: SolidSurface, section: SolidSurface) -> dict[str, objec
 
 
 def sampling_values(section_phase: np.ndarray, porosity_source: str) -> dict[str, object]:
-    """What the section itself leaves open, however good the twins are.
+    """What the section itself leaves open, however good the twins are, and how far it lies aligned.
 
     Parameters
     ----------
@@ -453,10 +465,13 @@ def sampling_values(section_phase: np.ndarray, porosity_source: str) -> dict[str
         As in scene.json: a porosity that was given is not the section's to be uncertain of.
     """
     errors = sampling_errors(section_phase)
-    areal = porosity_source.startswith("areal")
+    areal, lies = porosity_source.startswith("areal"), alignment(section_phase)
     return {
         "porosity_sampling_error": errors.porosity if areal else None,
         "k_sampling_error": errors.k if areal else errors.k_at_porosity,
+        "section_alignment": lies.ratio,
+        "section_alignment_deg": lies.along_deg,
+        "section_alignment_p": lies.p,
     }
 
 
@@ -676,6 +691,9 @@ def headline(tables: Sequence[pd.DataFrame]) -> list[str]:
         said.append(f"Permeability along x, y, z is {', '.join(map(number, k))} mD{blocked}{against}.")
     if of("k_sampling_error") is not None:
         said.append(f"{left_open(of('k_sampling_error'), of('porosity_sampling_error'))}.")
+    if of("section_alignment") is not None:
+        lies = Alignment(*map(of, ("section_alignment", "section_alignment_deg", "section_alignment_p")))
+        said += [f"{words}." for words in [lies_aligned(lies)] if words]
     across = of("voxels_per_grain")
     if across is not None and across < FEW_VOXELS:
         said.append(
