@@ -5,9 +5,9 @@ from _stage import stage
 from grainfall import accuracy, io
 
 with stage(snakemake) as progress:
-    sweep = snakemake.params.sweep
+    asked = snakemake.params
     table = accuracy.summarise(
-        accuracy.gather("results", sweep, snakemake.params.samples, snakemake.params.jobs)
+        accuracy.gather("results", asked.sweep, asked.samples, asked.jobs, asked.poured, asked.twins)
     )
     io.write_table(snakemake.output.table, accuracy.rounded(table))
     io.write_table(snakemake.output.presets, accuracy.rounded(accuracy.presets_of(table)))

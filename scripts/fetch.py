@@ -1,16 +1,8 @@
-"""A published volume, checked and read."""
+"""A published file, checked and kept."""
 
 from _stage import stage
 
-from grainfall import io
-from grainfall.section import read_known_volume
+from grainfall.section import keep_published
 
-with stage(snakemake) as progress:
-    known = snakemake.params.known
-    volume, voxel_size_um = read_known_volume(
-        snakemake.input.published, known["voxel_size_um"], known["files"]
-    )
-    io.write_volume(
-        snakemake.output.reference, {"phase": volume}, voxel_size_um, {"phases": ["pore", "solid"]}
-    )
-    progress.say(f"{volume.shape} voxels, porosity {(volume == 0).mean():.6f}")
+with stage(snakemake):
+    keep_published(snakemake.input.published, snakemake.params.known["files"], snakemake.output.kept)

@@ -74,6 +74,7 @@ with stage(snakemake) as progress, io.open_volume(snakemake.input.twin, "phase")
         "porosity_ref": None if reference_s2 is None else 1 - float(reference_s2.s2[0]),
         "specific_surface_ref_per_um": None if reference_s2 is None else surface(reference_s2),
         **report.network_values(twin_network, reference),
+        "network_coarsen": settings["network"]["coarsen"],
         **report.flow_values(table("flow"), table("reference_flow"), method),
         **{k: v for k, v in io.read_json(files.contacts).items() if k in report.METRICS},
         **report.resettling_values(io.read_json(str(files.resettling)) if files.get("resettling") else None),

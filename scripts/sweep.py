@@ -16,9 +16,8 @@ with stage(snakemake) as progress:
         f"cv_sweep/{snakemake.wildcards.cv}",
         truth,
     )
-    sweep = {key: value for key, value in snakemake.params.sweep.items() if key not in ("cv", "truths")}
     rows = []
-    for pack in packs(cv, stream, **sweep):
+    for pack in packs(cv, stream, **snakemake.params.sweep):
         rows.append({"cv": cv, "truth": truth, **pack})
         progress.say("{variant}: mean radius {r_um:.3f}, K {k_md:.4g} mD".format(**pack))
     io.write_table(snakemake.output[0], pd.DataFrame(rows))

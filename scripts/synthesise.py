@@ -1,4 +1,4 @@
-"""A synthetic rock: its section, reference cubes and the true grain sizes."""
+"""A synthetic rock: its section and true grain sizes, or one of the cubes that judge its twins."""
 
 from _stage import stage
 
@@ -8,7 +8,7 @@ from grainfall.section import Mineral, Section, synthesise, write_section
 with stage(snakemake) as progress:
     rock = dict(snakemake.params.rock)
     pixel = snakemake.params.row["pixel_size_um"]
-    edge, outlined = rock.pop("reference_edge"), rock.pop("outlined")
+    edge, outlined = rock.pop("reference_edge", None), rock.pop("outlined", None)
     truth = synthesise(
         random.generator(**snakemake.params.stream, chapter="section/synthetic"),
         rock.pop("shape"),
@@ -16,15 +16,17 @@ with stage(snakemake) as progress:
         [Mineral(**mineral) for mineral in rock.pop("minerals")],
         **rock,
     )
-    phase, grain = truth.section(pixel)
-    write_section(
-        snakemake.output.section,
-        Section(phase, pixel, truth.phases, grain if outlined else None, None, {"source": "synthetic"}),
-    )
-    further = [path for name, path in snakemake.output.items() if name.startswith("cube_")]
-    files = [snakemake.output.reference, *further]
-    about = {"phases": list(truth.phases), "seed": snakemake.params.stream["seed"]}
-    for path, cube in zip(files, truth.cubes(edge, len(files)), strict=True):
-        io.write_volume(path, {"phase": cube}, truth.voxel_size_um, about)
-    io.write_table(snakemake.output.sizes, truth.sizes())
-    progress.say(f"{len(truth.sizes())} grains, porosity {(truth.phase == 0).mean():.4f}")
+    if snakemake.output.get("section"):
+        phase, grain = truth.section(pixel)
+        write_section(
+            snakemake.output.section,
+            Section(phase, pixel, truth.phases, grain if outlined else None, None, {"source": "synthetic"}),
+        )
+        io.write_table(snakemake.output.sizes, truth.sizes())
+        progress.say(f"{len(truth.sizes())} grains, porosity {(truth.phase == 0).mean():.4f}")
+    else:
+        number = snakemake.params.cube
+        about = {"phases": list(truth.phases), "seed": snakemake.params.stream["seed"]}
+        cube = truth.cubes(edge, number + 1)[number]
+        io.write_volume(snakemake.output.reference, {"phase": cube}, truth.voxel_size_um, about)
+        progress.say(f"porosity {(cube == 0).mean():.4f}")

@@ -6,6 +6,8 @@ from grainfall import io
 from grainfall.report.validation import validation_table
 
 with stage(snakemake) as progress:
-    table = validation_table("results", snakemake.params.cases)
+    table, left_out = validation_table("results", snakemake.params.cases)
     io.write_table(snakemake.output.table, table)
+    for sample in left_out:
+        progress.say(f"left out: {sample}")
     progress.say(f"{len(table)} rows of {table['case'].nunique()} cases")

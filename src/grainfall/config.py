@@ -7,7 +7,7 @@ import csv
 import difflib
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from datetime import date
 from pathlib import Path
 
@@ -329,11 +329,25 @@ def resolve(config: dict, schema: dict, presets: dict, where: str = "config") ->
                     f"override one of: {', '.join(VARIANT_KEYS)}",
                 )
         check(over or {}, of_variants, f"{where}: variants.{name}")
+    _check_sweep(whole, f"{where}: accuracy_sweep")
     whole["variants"] = {name: _meant(over, whole["scene"]) for name, over in whole["variants"].items()}
     # samples and variants are shown in the user's order
     named = {key: whole[key] for key in ("samples", "variants") if isinstance(whole[key], dict)}
     ordered = {key: {name: canonical(values) for name, values in of.items()} for key, of in named.items()}
     return canonical(whole) | ordered
+
+
+def _check_sweep(whole: dict, where: str) -> None:
+    """Refuse what a sweep of settings could not find, before it has run for hours."""
+    sweep = whole["accuracy_sweep"]
+    if sweep["packing"] and sweep["against"] is None:
+        raise InputError(f"{where}.against", "is missing", "the variant that the others are held against")
+    poured = [name for names in sweep["packing"].values() for name in names]
+    chance = [name for pair in sweep["chance"].items() for name in pair]
+    for name in [*poured, *filter(None, [sweep["against"]]), *chance, *sweep["presets"]]:
+        if name not in whole["variants"]:
+            known = ", ".join(whole["variants"])
+            raise InputError(where, f"no variant is called '{name}'", f"one of: {known}")
 
 
 IN_UM = {"edge_grains": "edge_um", "voxels_per_grain": "voxel_size_um"}
@@ -367,6 +381,12 @@ def parameters(whole: dict) -> dict[str, dict]:
         values = dict(_leaves(variant(whole, name)))
         found[name] = {key: values.get(key) for key in keys}
     return found
+
+
+def differing(one: dict, other: dict, sections: Sequence[str]) -> list[str]:
+    """Dotted keys of these sections in which two configs with every key differ."""
+    found, held = (dict(_leaves({name: whole[name] for name in sections})) for whole in (one, other))
+    return sorted(key for key in found.keys() | held.keys() if found.get(key) != held.get(key))
 
 
 def _leaves(content: dict, prefix: str = "") -> Iterator[tuple[str, object]]:
@@ -602,6 +622,8 @@ def _check_sample(row: dict, where: str, files: bool) -> None:
         for key, right in (("data", "an entry of the config's data"), ("slice", "axis and plane: z200")):
             if key not in row:
                 raise InputError(where, f"{key} is missing", right)
+        for key in sorted(row.keys() - {"kind", "data", "slice", "porosity"}):
+            raise InputError(where, f"{key} is given, which a slice takes from its volume", "leave it out")
         return
     if not row.get("image"):
         raise InputError(where, "image is missing", "the path of the section")

@@ -14,6 +14,12 @@ from grainfall.errors import InputError
 TABLE = files("grainfall") / "presets.csv"
 SOURCE = "src/grainfall/presets.csv, measured by make accuracy"
 
+ROCK = "a two-mineral rock in boxes five grains across, its porosity of 0.38 given"
+"""What the table was measured on (``config/cases/accuracy.yaml``)."""
+
+MEASURED = ("packing", "effects", "feedback")
+"""Sections of the config whose values the table is of."""
+
 
 @dataclass(frozen=True)
 class Metric:
@@ -24,7 +30,7 @@ class Metric:
 
 
 METRICS: dict[str, Metric] = {
-    "porosity": Metric("porosity", "difference"),
+    "porosity": Metric("the porosity asked for", "difference"),
     "grain_sizes": Metric("grain radii", "Wasserstein distance by number over the mean radius"),
     "pore_sizes": Metric("pore radii", "Wasserstein distance by pore volume over the mean radius"),
     "s2": Metric("S₂", "largest difference"),
@@ -61,8 +67,8 @@ class Choice:
     def words(self) -> str:
         """The expectation, as a clause."""
         return (
-            f"{self.preset} is measured to miss {METRICS[self.metric].label} by {self.error:.2g} on average "
-            f"over twins of {self.n} rocks, 95 % interval up to {self.upper:.2g}"
+            f"{self.preset} is measured to miss {METRICS[self.metric].label} by {self.error:.2g} in the mean "
+            f"over twins of {self.n} truths, 95 % interval up to {self.upper:.2g}; of {ROCK}"
         )
 
 
@@ -88,7 +94,7 @@ def choose(metric: str, tolerance: float, table: Sequence[Choice], where: str = 
     metric : str
         One of those in the table.
     tolerance : float
-        Largest error, as :data:`METRICS` expresses it.
+        Largest mean error of a twin, as :data:`METRICS` expresses it; single twins miss by more.
     table : sequence of Choice
         As :func:`measured` gives it.
     where : str

@@ -1,5 +1,7 @@
 """What accuracy costs: paired differences, the front, the pick, and trials on volumes of known truth."""
 
+import shutil
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -97,6 +99,11 @@ class TestSummary:
         assert row["n"] == 1
         assert np.isnan(row["upper"])
 
+    def test_what_others_are_held_against_must_be_tried(self):
+        rng = np.random.default_rng(0)
+        with pytest.raises(InputError, match="1 is not among 2, 3"):
+            next(known.coarsen(["2", "3"], rng, here))
+
     def test_settings_are_paired_by_repeat(self, tmp_path):
         """Two rocks of different K, a setting 10 % off in both: the error is 10 %, not the rocks' spread."""
         for sample, k in (("one", 100.0), ("two", 900.0)):
@@ -115,6 +122,8 @@ class TestSummary:
             "presets": [],
             "known": {},
         }
+        # of another sweep's numbers, or of other code: nobody asked for it
+        shutil.copytree(tmp_path / "one/coarse/0", tmp_path / "one/coarse/7")
         found = accuracy.gather(tmp_path, sweep, ["one", "two"], [])
         rows = accuracy.summarise(found).set_index(["setting", "metric"])
         row = rows.loc["coarse", "k"]
@@ -123,6 +132,11 @@ class TestSummary:
         assert (row["cpu_s"], row["wall_s"], row["peak_rss_mb"]) == (4.0, 5.0, 300)
         assert np.isnan(rows.loc["finest", "k"]["error"])
         assert not rows.loc["finest", "k"]["front"]
+        (tmp_path / "one/coarse/0/benchmarks/first_packing.tsv").unlink()
+        found = accuracy.gather(tmp_path, sweep, ["one", "two"], [])
+        unknown = found.query("repeat == 'one/0' and setting == 'coarse'")
+        assert unknown["cpu_s"].isna().all()
+        assert accuracy.gather(tmp_path, sweep | {"against": None}, ["one"], []).empty
 
 
 class TestPick:
@@ -134,6 +148,20 @@ class TestPick:
             assert chosen.preset == preset
             assert chosen.upper <= tolerance
             assert all(row.upper > tolerance for row in self.TABLE if row.cpu_s < chosen.cpu_s)
+
+    def test_it_says_what_of_the_config_was_not_measured(self, root):
+        schema, sets = (
+            config.load_yaml(root / name)
+            for name in ("workflow/schemas/config.schema.yaml", "config/presets.yaml")
+        )
+        own = {"packing": {"overrides": {"hull_vertices": 8}}, "effects": {"cement": "off"}}
+        given = {"preset": "draft", "samples": "samples.tsv"}
+        alone = config.resolve(given, schema, sets)
+        whole = config.resolve({**given, "scene": {"edge_grains": 6}, **own}, schema, sets)
+        assert config.differing(whole, alone, presets.MEASURED) == [
+            "effects.cement", "packing.overrides.hull_vertices",
+        ]  # fmt: skip
+        assert config.differing(alone, alone, presets.MEASURED) == []
 
     def test_what_nothing_supports_says_what_the_best_is(self):
         with pytest.raises(InputError, match=r"within 0\.01.*at least 0\.05.*reference"):

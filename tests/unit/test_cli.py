@@ -157,6 +157,11 @@ def test_the_image_may_lie_in_the_folder_already(capsys, picture, tmp_path):
     assert grainfall(capsys, "new", tmp_path / "a", "--image", image, "--pixel-size", "1um")[0] == 0
     (tmp_path / "b").mkdir()
     (tmp_path / "b" / picture.name).write_text("another")
+    (tmp_path / "c").mkdir()
+    (tmp_path / "c/im_1_.png").write_text("another")
+    braced = shutil.copy(picture, tmp_path / "im{1}.png")
+    assert grainfall(capsys, "new", tmp_path / "c", "--image", braced, "--pixel-size", "1um")[0] == 1
+    assert (tmp_path / "c/im_1_.png").read_text() == "another"
     status, _, fault = grainfall(capsys, "new", tmp_path / "b", "--image", picture, "--pixel-size", "1um")
     assert status == 1
     assert "is there already" in fault

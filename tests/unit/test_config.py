@@ -113,7 +113,7 @@ def test_names_are_text_whatever_yaml_reads_them_as(schema, sample_schema, prese
         samples: {2024-05-01: {kind: synthetic, pixel_size_um: 2}, 007: {kind: slice, data: "3", slice: z1}}
         variants: {300: {}, 1: }
         data: {3: {source: a.tif, voxel_size_um: 1, files: {%s: 0}}}
-        accuracy_sweep: {packing: {5: ["300"]}, chance: {300: "1"}}
+        accuracy_sweep: {packing: {5: ["300"]}, against: "1", chance: {300: "1"}}
     """
     whole = config.resolve(yaml.safe_load(text % (64 * "a")), schema, presets)
     assert (list(whole["samples"]), list(whole["variants"])) == (["2024-05-01", "7"], ["300", "1"])
@@ -331,6 +331,18 @@ def test_every_key_is_documented(root, schema, sample_schema):
     for key, sub in [*keys_of(schema), *keys_of(sample_schema)]:
         assert f"| `{key}` |" in text, key
         assert sub.get("description"), key
+
+
+def test_what_a_sweep_could_not_find_is_refused_at_once(schema, presets):
+    own = {"samples": "samples.tsv", "variants": {"fine": {}, "coarse": {}}}
+    for sweep, wrong in (
+        ({"packing": {"knob": ["coarse"]}}, "against: is missing"),
+        ({"packing": {"knob": ["corse"]}, "against": "fine"}, "no variant is called 'corse'"),
+        ({"chance": {"again": "fine"}}, "no variant is called 'again'"),
+        ({"presets": ["draft"]}, "no variant is called 'draft'"),
+    ):
+        with pytest.raises(InputError, match=wrong):
+            config.resolve({**own, "accuracy_sweep": sweep}, schema, presets)
 
 
 def test_every_packing_parameter_can_be_set(schema):

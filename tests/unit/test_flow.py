@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from grainfall import flow, network
 from grainfall.errors import InputError
@@ -208,6 +209,32 @@ def test_mistakes_are_named():
         for shape in ((4, 4), (0, 4, 4)):
             with pytest.raises(InputError, match="give a volume"):
                 flow.permeability(np.zeros(shape), 1.0, method)
+        # phases, 0 the pore, as all files hold them, would give K of the grains
+        with pytest.raises(InputError, match="an image of uint8"):
+            flow.permeability(np.ones((4, 4, 4), np.uint8), 1.0, method)
+        for size in (-1.0, 0.0, np.nan, np.inf):
+            with pytest.raises(InputError, match="no length"):
+                flow.permeability(np.ones((4, 4, 4), bool), size, method)
+
+
+def test_pyramids_of_swallowed_pores_conduct_nothing_backwards():
+    """Lengths between pores, of which one reaches beyond the centre of the other, come out negative."""
+    rng = np.random.default_rng(3)
+    pore = ndimage.gaussian_filter(rng.standard_normal((26, 21, 29)), 2) > 0
+    found = network.extract(pore, 1.0)
+    for conductances in flow.MODELS["pyramids"](found):
+        assert (conductances > 0).all()
+    assert (flow.permeability(pore, 1.0, conductance="pyramids", network=found).k_md >= 0).all()
+
+
+def test_a_network_that_misses_the_only_path_has_no_permeability():
+    """A channel of one voxel: snow2 has no boundary pores on it."""
+    pore = np.zeros((20, 11, 11), bool)
+    pore[:, 5, 5] = True
+    found = network.extract(pore, 1.0, "snow2")
+    table = flow.permeability(pore, 1.0, conductance="pyramids", network=found).set_index("axis")
+    assert table.loc[["x", "y"], "k_md"].tolist() == [0, 0]
+    assert np.isnan(table.loc["z", "k_md"])
 
 
 def test_rounding_eats_no_conductance_of_a_chain():

@@ -29,6 +29,13 @@ def test_a_start_and_a_share_are_carried_to_any_size():
         assert need.runtime_min == pytest.approx(needs.SLOWER * (1000 + 600 * size) / 60, abs=2)
 
 
+def test_one_hungry_job_does_not_end_the_growth():
+    used = {1.0: 10.0, 3.0: 1415.0, 20.0: 1100.0}
+    table = needs.hungriest(runs(lambda n: 100, used.get, sizes=tuple(used)), {"flow": "Mvoxel"})
+    asked = [needs.Needs(table).job("flow", {"Mvoxel": size}).runtime_min for size in (20.0, 200.0)]
+    assert asked[1] > 5 * asked[0]
+
+
 @pytest.mark.parametrize("power", [0.5, 1.5])
 def test_every_measured_job_has_what_it_used_and_a_margin(power):
     jobs = runs(lambda n: 50 + 10 * n**power, lambda n: 3 * n)

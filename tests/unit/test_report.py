@@ -624,6 +624,8 @@ def test_what_the_section_leaves_open_is_said():
 def test_few_voxels_a_grain_are_said(across, said):
     lines = headline([metrics_table({"voxels_per_grain": across})])
     assert any("7.9 voxels across" in line for line in lines) == said
+    lines = headline([metrics_table({"voxels_per_grain": 4 * across, "network_coarsen": 4})])
+    assert any(line.startswith("Network and flow see 7.9 voxels") for line in lines) == said
 
 
 def test_judgements_in_plain_words():

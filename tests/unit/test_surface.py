@@ -110,7 +110,7 @@ def test_slices_of_berea_scatter_as_one_of_them_says(shared_data):
 
 
 def ellipses(rng, edge, number, degrees):
-    """Ellipses of 2.5 to 1 along a direction, counter-clockwise from x as an image is seen, or each along its own."""
+    """Ellipses of 2.5 to 1 along a direction, counter-clockwise from x as an image is seen, or along any."""
     y, x = np.indices((edge, edge))
     solid = np.zeros((edge, edge), bool)
     for _ in range(number):

@@ -10,7 +10,7 @@ import yaml
 from scipy import ndimage
 
 from grainfall import io, surface
-from grainfall.report import save_figure
+from grainfall.report import paper_figures, save_figure
 from grainfall.report.claims import NOT_SHOWN, OPEN, SHOWN, claims, row_of
 from grainfall.report.figures import note_figure
 from grainfall.report.paper_figures import FIGURES, Cases
@@ -60,6 +60,15 @@ def test_sections_of_one_volume_share_its_truth():
     row = aggregate(figures({"x": [1502.0], "y": [1502.0]}, "berea", "truth", "k_md")).iloc[0]
     assert (row["mean"], row["n"], row["sections"]) == (1502, 1, 1)
     assert math.isnan(row["lower"])
+
+
+def test_truths_that_share_a_value_are_still_of_their_own():
+    """Radii of networks are roots of whole numbers of voxels: two rocks often have the same."""
+    k = figures({"a": [500.0], "b": [510.0], "c": [505.0]}, "xct", "truth", "k_md")
+    tail = figures({"a": [12.8], "b": [13.3], "c": [12.8]}, "xct", "truth", "pore_r95_um")
+    table = aggregate(pd.concat([k, tail], ignore_index=True)).set_index("quantity")
+    assert table["sections"].to_list() == [3, 3]
+    assert table.loc["pore_r95_um", "mean"] == pytest.approx((2 * 12.8 + 13.3) / 3)
 
 
 def test_what_cannot_be_negative_has_no_negative_bounds():
@@ -307,6 +316,15 @@ def test_a_note_in_place_of_a_figure_is_said_and_not_shown(tmp_path):
     page = (tmp_path / "page.html").read_text()
     assert "Figure “sample2”: what it shows is not among the results." in page
     assert "<img" not in page
+
+
+def test_phantom_pores_are_those_behind_which_all_is_solid():
+    rng = np.random.default_rng(5)
+    rock, solid = rng.random((9, 8, 13)) > 0.15, rng.random((4, 4, 6)) > 0.5
+    shown = [paper_figures._phantom(rock, solid, plane, 2) for plane in range(4)]
+    for z, y, x in np.ndindex(solid.shape):
+        behind = rock[2 * z : 2 * z + 2, 2 * y : 2 * y + 2, 2 * x : 2 * x + 2]
+        assert shown[z][y, x] == (behind.all() and not solid[z, y, x])
 
 
 def test_a_figure_asks_for_the_volumes_that_it_shows(tmp_path):

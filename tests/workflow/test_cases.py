@@ -13,9 +13,12 @@ import tifffile
 
 from conftest import TINY, planned, snakemake, write_config
 from grainfall.io import read_volume
-from grainfall.report.validation import COLUMNS
+from grainfall.report.validation import COLUMNS, validation_table
 
 pytestmark = pytest.mark.xdist_group("cases")
+
+
+SWEEP = {"cv": [0.3], "truths": 1, "voxels_per_radius": 4, "edge": 32, "grains": 60}
 
 
 @pytest.fixture(scope="module")
@@ -23,9 +26,8 @@ def studied(finished, tmp_path_factory):
     """The finished tiny twins as two cases, the sweep beside them, and the page of it all."""
     folder = tmp_path_factory.mktemp("cases")
     shutil.copytree(finished, folder, dirs_exist_ok=True)
-    sweep = {"cv": [0.3], "truths": 1, "voxels_per_radius": 4, "edge": 32, "grains": 60}
     scan = {"rim_um": 20, "crush_um": 3}
-    for case, over in (("stereology", {}), ("xct", {"tomogram": scan}), ("cv_sweep", {"cv_sweep": sweep})):
+    for case, over in (("stereology", {}), ("xct", {"tomogram": scan}), ("cv_sweep", {"cv_sweep": SWEEP})):
         write_config(folder, {**TINY, "case": case, **over}, f"{case}.yaml")
     for config in ("xct.yaml", "cv_sweep.yaml"):
         done = snakemake(folder, "--", "case", config=config)
@@ -92,6 +94,76 @@ def test_what_is_deleted_of_a_case_is_made_again(studied, tmp_path, gone, again)
     assert planned(folder, "--", "case", config="xct.yaml").get(again) == 1
 
 
+def figures_of(folder, case="xct"):
+    """The case's rows of the folder's results, and what was left out."""
+    study = {case: {"samples": ["tiny"], "variants": ["full"]}}
+    table, left_out = validation_table(folder / "results", study)
+    return table.set_index(["variant", "quantity"]), left_out
+
+
+def test_what_is_not_finished_or_cannot_be_read_costs_no_page(studied, tmp_path):
+    folder = shutil.copytree(studied, tmp_path / "copy")
+    rock = folder / "results/tiny"
+    whole, left_out = figures_of(folder)
+    assert ("tomogram", "k_md") in whole.index
+    assert not left_out
+    (rock / "tomogram/reference_s2.csv").unlink()
+    rows, left_out = figures_of(folder)
+    assert "tomogram" not in rows.index.get_level_values(0)
+    assert not left_out
+    flow = pd.read_csv(rock / "cube_1/reference_flow.csv")
+    for table in (rock / "reference_flow.csv", rock / "cube_1/reference_flow.csv"):
+        flow.assign(k_md=0.0).to_csv(table, index=False)  # no truth percolates
+    rows, left_out = figures_of(folder)
+    assert ("full", "k_ratio") not in rows.index
+    assert rows.loc[("full", "k_md"), "mean"] == whole.loc[("full", "k_md"), "mean"]
+    scene = rock / "full/scene.json"
+    scene.write_text(scene.read_text().replace("resolution_um", "once_called"))
+    rows, left_out = figures_of(folder)
+    assert rows.empty
+    assert left_out == ["xct, tiny: no 'resolution_um' in its files, as of another version"]
+    done = snakemake(folder, "--", "validation", config="xct.yaml")
+    assert done.returncode == 0, done.stdout[-3000:]
+    assert "left out: xct, tiny" in done.stdout
+    assert "Left out" in (folder / "results/validation.html").read_text()
+
+
+def test_permeability_is_held_against_the_same_method(studied, tmp_path):
+    folder = shutil.copytree(studied, tmp_path / "copy")
+    whole, _ = figures_of(folder)
+    for table in (folder / "results/tiny/full").glob("*/flow.csv"):
+        flow = pd.read_csv(table)
+        assert len(set(flow["method"])) > 1
+        flow[::-1].to_csv(table, index=False)
+    rows, _ = figures_of(folder)
+    ref = [pd.read_csv(folder / f"results/tiny/{cube}reference_flow.csv") for cube in ("", "cube_1/")]
+    ref = pd.concat(ref)
+    truth = ref.loc[ref["method"] == flow["method"].iloc[-1], "k_md"].mean()
+    assert rows.loc[("full", "k_ratio"), "mean"] == pytest.approx(rows.loc[("full", "k_md"), "mean"] / truth)
+    assert rows.loc[("full", "k_md"), "mean"] != whole.loc[("full", "k_md"), "mean"]
+
+
+def test_more_judges_make_no_twin_anew(studied):
+    more = {**TINY, "case": "stereology", "reference_cubes": 3, "samples": TINY["samples"]}
+    write_config(studied, more, "more.yaml")
+    measured = ("reference_network", "reference_flow", "reference_s2", "further_cube")
+    jobs = planned(studied, "--", "case", config="more.yaml")
+    assert {rule: jobs[rule] for rule in measured} == dict.fromkeys(measured, 1)
+    assert set(jobs) <= {*measured, "case"}
+    sweep = {**SWEEP, "truths": 2, "cv": [0.3, 0.5]}
+    write_config(studied, {**TINY, "case": "cv_sweep", "cv_sweep": sweep}, "more.yaml")
+    assert planned(studied, "--", "case", config="more.yaml")["sweep"] == 3
+
+
+def test_samples_of_a_case_may_stand_in_a_sheet(studied):
+    """The names of the sheet's rows, not the letters of its path."""
+    (studied / "s.tsv").write_text("sample\tkind\tpixel_size_um\ntiny\tsynthetic\t2\n")
+    write_config(studied, {**TINY, "case": "xct", "samples": "s.tsv"}, "sheet.yaml")
+    done = snakemake(studied, "--dry-run", "--printshellcmds", "--", "validation", config="sheet.yaml")
+    assert done.returncode == 0, done.stdout[-3000:]
+    assert '"s", "."' not in done.stdout.replace("'", '"')
+
+
 @pytest.fixture
 def published(tmp_path):
     """A zip with a volume, behind a server of our own: its address and checksum."""
@@ -139,3 +211,9 @@ def test_a_published_volume_is_fetched_checked_and_cut(tmp_path, published, how)
     phase, attributes = read_volume(folder / "results/cut/section.zarr.zip")
     assert attributes["voxel_size_um"] == 5.0
     assert (phase == (volume[:, 7] > 0)).all()
+    # from now on it matters neither where it came from nor whether that can be reached
+    elsewhere = shutil.copy(path, tmp_path / "elsewhere.zip")
+    for source in ("http://127.0.0.1:9/rock.zip", str(elsewhere)):
+        rock["source"] = source
+        write_config(folder, config)
+        assert planned(folder, "--", "results/cut/section.zarr.zip") == {}

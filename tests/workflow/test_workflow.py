@@ -381,6 +381,13 @@ def test_edit_of_an_early_module_reruns_what_uses_it(finished, tmp_path, module,
     assert rerun == ({rule: 1} if again else {})
 
 
+def test_slabs_asked_for_later_pack_nothing_anew(finished):
+    write_config(finished, changed(slabs=2), "slabs.yaml")
+    rerun = planned(finished, config="slabs.yaml")
+    assert "twin_slab" in rerun
+    assert not {"first_packing", "deficit", "second_packing"} & set(rerun)
+
+
 def test_any_number_of_slabs_gives_the_same_bytes(finished, tmp_path):
     """With chunks of 16 planes in place of 128, so that a tiny volume has three layers of them.
 

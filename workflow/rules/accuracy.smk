@@ -19,6 +19,9 @@ WHOLE_TWIN = [
 ]
 
 
+TWINS = max(len(REALIZATIONS), SWEEP["twins"])
+
+
 rule accuracy_sweep:
     input:
         expand(
@@ -31,7 +34,7 @@ rule accuracy_sweep:
             f"{TWIN}/observed.json",
             sample=list(SAMPLES),
             variant=SWEEP["presets"],
-            realization=range(max(len(REALIZATIONS), SWEEP["twins"])),
+            realization=range(TWINS),
         ),
         expand(
             f"{SAMPLE}/observed.json",
@@ -65,7 +68,7 @@ rule observe_first:
         mem_mb=4000,
         runtime=30,
     params:
-        settings=settings("packing", "effects", "contacts"),
+        settings=settings("packing", "effects", "contacts.tolerance"),
         science=science("accuracy.observe", "contacts", "volume"),
     script:
         "../../scripts/observe.py"
@@ -83,6 +86,8 @@ use rule observe_first as observe_twin with:
         f"{TWIN}/logs/observe_twin.log",
     benchmark:
         f"{TWIN}/benchmarks/observe_twin.tsv"
+    params:
+        science=science("accuracy.observe"),
 
 
 use rule observe_first as observe_reference with:
@@ -97,6 +102,8 @@ use rule observe_first as observe_reference with:
         f"{SAMPLE}/benchmarks/observe_reference.tsv"
     wildcard_constraints:
         sample=any_of(REFERENCED),
+    params:
+        science=science("accuracy.observe"),
 
 
 rule try_known:
@@ -140,6 +147,8 @@ rule accuracy_table:
         samples=list(SAMPLES),
         found=observed_so_far,
         jobs=WHOLE_TWIN,
+        poured=len(REALIZATIONS),
+        twins=TWINS,
         science=science("accuracy.table"),
     script:
         "../../scripts/accuracy_table.py"

@@ -22,6 +22,7 @@ from grainfall.errors import InputError
 from grainfall.export import FORMATS
 from grainfall.lifeline import end_with
 from grainfall.report.texts import TEXTS
+from grainfall.section import published_file
 
 import grimp
 
@@ -95,10 +96,17 @@ SYNTHESES = {
 ASKED = None
 if CONFIG["accuracy"]:
     chosen = presets.choose(**CONFIG["accuracy"], table=presets.measured())
+    alone = sheet.resolve(
+        {"preset": chosen.preset, "samples": CONFIG["samples"]},
+        CONFIG_SCHEMA,
+        sheet.load_yaml(HOUSE / "config/presets.yaml", ours=True),
+    )
+    other = ", ".join(sheet.differing(CONFIG, alone, presets.MEASURED))
+    beside = f"; measured without this config's {other}" if other else ""
     ASKED = {
         **CONFIG["accuracy"],
         "expected": chosen.error,
-        "words": f"{chosen.words} ({presets.SOURCE})",
+        "words": f"{chosen.words} ({presets.SOURCE}){beside}",
     }
 
 VARIANTS = {name: sheet.variant(CONFIG, name) for name in CONFIG["variants"]}
@@ -147,6 +155,8 @@ CACHING = workflow.workflow_settings.cache is not None
 CACHEABLE = "omit-software" if CACHING else False
 CACHED_JOBS = [
     "synthesise",
+    "truth_cube",
+    "further_cube",
     "grain_library",
     "first_packing",
     "second_packing",
@@ -161,6 +171,7 @@ def any_of(names):
 
 wildcard_constraints:
     sample=any_of([*SAMPLES, *MEASURED]),
+    data=any_of(CONFIG["data"]),
     variant=any_of(VARIANTS),
     realization=r"\d+",
     packing="first|second",
@@ -230,6 +241,8 @@ def need(rulename, wildcards):
     A slab's job, of a rule X_slab, needs what that of rule X would for a volume of its size.
     """
     rulename, slab, _ = rulename.partition("_slab")
+    if rulename in ("truth_cube", "further_cube"):
+        rulename = "synthesise"
     if rulename == "synthesise":
         size = needs.of_shape(SYNTHESES[wildcards.sample]["shape"])
     else:
@@ -331,9 +344,14 @@ def whole_row(wildcards):
     return SAMPLES[wildcards.sample]
 
 
-def synthesis(wildcards):
-    """The synthetic rock of a sample."""
-    return SYNTHESES[wildcards.sample]
+def synthesis_but(without):
+    """A params function: the synthetic rock of a sample, less the key that the rule does not use."""
+
+    def of(wildcards):
+        rock = SYNTHESES[wildcards.sample]
+        return {key: value for key, value in rock.items() if key != without}
+
+    return of
 
 
 def users_file(key):
@@ -480,8 +498,18 @@ MEASUREMENTS = (
 )
 
 
+TO_FETCH = [
+    name
+    for name in CONFIG["data"]
+    if not published_file(f"results/data/{name}/published")
+]
+
+
 def data_entry(wildcards):
-    return CONFIG["data"][wildcards.data]
+    """What is known of a published volume, wherever it is taken from."""
+    return {
+        key: CONFIG["data"][wildcards.data][key] for key in ("voxel_size_um", "files")
+    }
 
 
 def sliced_volume(wildcards):
@@ -510,8 +538,8 @@ def known_cases():
         for path in sorted((HOUSE / "config/cases").glob("*.yaml"))
     ]
     found = {study["case"]: study for study in studies if study.get("case")}
-    if CONFIG["case"]:
-        found[CONFIG["case"]] = CONFIG
+    if CONFIG["case"]:  # its samples may stand in a sheet
+        found[CONFIG["case"]] = {"samples": SAMPLES, "variants": VARIANTS}
     order = CONFIG_SCHEMA["properties"]["case"]["enum"]
     return {
         case: {
@@ -539,7 +567,9 @@ def come_so_far(wildcards):
         *Path("results").glob("*/*/*/metrics.csv"),
         *Path("results").glob("*/*/*/second/volume.zarr.zip"),  # of figures
         *Path("results").glob("cv_sweep/*/*.csv"),
-        *Path("results").glob("*/*/reference_flow.csv"),  # tomograms, further cubes
+        *Path("results").glob("*/reference_*.csv"),
+        *Path("results").glob("*/*/reference_*.csv"),  # tomograms, further cubes
+        *Path("results").glob("*/*/s2_envelope.json"),
     ]
     return ages(found)
 
@@ -587,7 +617,7 @@ def tomograms_of_case(wildcards):
 def cubes_of(wildcards):
     """What judges a synthetic truth beside its first cube."""
     known = CUBES if wildcards.sample in SYNTHESES else []
-    return [f"results/{wildcards.sample}/{cube}.zarr.zip" for cube in known]
+    return [f"results/{wildcards.sample}/{cube}/reference.zarr.zip" for cube in known]
 
 
 def observed_so_far(wildcards):

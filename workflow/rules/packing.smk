@@ -61,7 +61,9 @@ rule deficit:
         library_record=f"{SAMPLE}/logs/grain_library.json",
         section_pores=f"{VARIANT}/section_pores2d.csv",
         section_surface=f"{VARIANT}/section_surface.json",
-        volume=f"{TWIN}/first/volume.zarr.zip",
+        # the bodies decide: their volume made again otherwise, as in slabs, packs nothing anew
+        bodies=f"{TWIN}/first/bodies.csv",
+        volume=ancient(f"{TWIN}/first/volume.zarr.zip"),
     output:
         sizes=f"{TWIN}/virtual_spheres.csv",
         deficit=f"{TWIN}/deficit.json",
@@ -87,7 +89,7 @@ rule deficit:
             "correlation.slices",
         ),
         science=science(
-            "packing", "morphology", "section.resample", "stereology", "volume.cement"
+            "packing", "morphology", "section.resample", "stereology", "volume"
         ),
     script:
         "../../scripts/deficit.py"

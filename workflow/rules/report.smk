@@ -108,7 +108,7 @@ rule metrics:
         runtime=runtime(10),
     params:
         stream=stream,
-        settings=settings("packing.engine", "flow.methods"),
+        settings=settings("packing.engine", "flow.methods", "network.coarsen"),
         asked=ASKED,
         science=science("report.tables", "correlation", "network", "surface"),
     script:

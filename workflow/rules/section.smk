@@ -6,9 +6,7 @@ What comes from the user may be broken: ``update`` keeps the former output where
 
 rule synthesise:
     output:
-        **{cube: f"{SAMPLE}/{cube}.zarr.zip" for cube in CUBES},  # the cache wants a name for each
         section=f"{SAMPLE}/section.zarr.zip",
-        reference=f"{SAMPLE}/reference.zarr.zip",
         sizes=f"{SAMPLE}/truth_sizes.csv",
         record=f"{SAMPLE}/logs/synthesise.json",
     log:
@@ -26,28 +24,46 @@ rule synthesise:
     params:
         stream=stream,
         row=row("pixel_size_um"),
-        rock=synthesis,
+        rock=synthesis_but("reference_edge"),
         science=science("section"),
     script:
         "../../scripts/synthesise.py"
 
 
-# On its own, as Snakemake would take the folder that is measured for the sample that is made.
-rule further_cube:
-    input:
-        f"{SAMPLE}/{{cube}}.zarr.zip",
+# What judges a truth is cut from it made once more: other judges, or more, make neither the section nor a twin anew.
+use rule synthesise as truth_cube with:
     output:
-        f"{SAMPLE}/{{cube}}/reference.zarr.zip",
+        reference=f"{SAMPLE}/reference.zarr.zip",
+        record=f"{SAMPLE}/logs/truth_cube.json",
+    log:
+        f"{SAMPLE}/logs/truth_cube.log",
+    benchmark:
+        f"{SAMPLE}/benchmarks/truth_cube.tsv"
+    params:
+        stream=stream,
+        row=row("pixel_size_um"),
+        rock=synthesis_but("outlined"),
+        cube=0,
+        science=science("section"),
+
+
+use rule truth_cube as further_cube with:
+    output:
+        reference=f"{SAMPLE}/{{cube}}/reference.zarr.zip",
+        record=f"{SAMPLE}/logs/{{cube}}.json",
     log:
         f"{SAMPLE}/logs/{{cube}}.log",
+    benchmark:
+        f"{SAMPLE}/benchmarks/{{cube}}.tsv"
     wildcard_constraints:
-        sample=any_of(SYNTHESES),
+        sample=any_of(SYNTHESES),  # not the folder of a cube, which is measured as a sample's reference is
         cube=any_of(CUBES),
-    localrule: True
-    conda:
-        ENVS["analysis"]
-    shell:
-        "cp {input:q} {output:q} > {log:q} 2>&1"
+    params:
+        stream=stream,
+        row=row("pixel_size_um"),
+        rock=synthesis_but("outlined"),
+        cube=lambda wildcards: CUBES.index(wildcards.cube) + 1,
+        science=science("section"),
 
 
 rule read_section:
@@ -103,15 +119,38 @@ rule read_reference:
         "../../scripts/read_reference.py"
 
 
+# Only what is not kept yet: a finished study asks no server again, nor minds from where its file came.
 rule fetch:
     input:
         published=data_source,
     output:
-        reference="results/data/{data}/reference.zarr.zip",
+        kept=directory("results/data/{data}/published"),
     log:
         "results/data/{data}/logs/fetch.log",
     benchmark:
         "results/data/{data}/benchmarks/fetch.tsv"
+    wildcard_constraints:
+        data=any_of(TO_FETCH),
+    conda:
+        ENVS["analysis"]
+    resources:
+        mem_mb=1000,
+        runtime=30,
+    params:
+        known=data_entry,
+    script:
+        "../../scripts/fetch.py"
+
+
+rule read_published:
+    input:
+        published=ancient("results/data/{data}/published"),
+    output:
+        reference="results/data/{data}/reference.zarr.zip",
+    log:
+        "results/data/{data}/logs/read_published.log",
+    benchmark:
+        "results/data/{data}/benchmarks/read_published.tsv"
     conda:
         ENVS["analysis"]
     resources:
@@ -121,7 +160,7 @@ rule fetch:
         known=data_entry,
         science=science("section"),
     script:
-        "../../scripts/fetch.py"
+        "../../scripts/read_published.py"
 
 
 rule cut_section:

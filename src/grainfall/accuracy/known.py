@@ -18,6 +18,7 @@ from scipy import stats
 
 from grainfall import correlation, flow, network, random, stereology
 from grainfall.accuracy.observe import axial_s2, differences, observe, relative_distance
+from grainfall.errors import InputError
 from grainfall.section import Mineral, synthesise
 from grainfall.volume import coarsen as joined
 
@@ -160,7 +161,7 @@ def flow_tier(settings: Sequence[str], rng: np.random.Generator, run: Run) -> It
             return flow.permeability(pore, 1.0, "network", conductance=tier).k_md.mean()
         return flow.permeability(pore, 1.0, tier).k_md.mean()
 
-    yield from _against("direct", {s: run(lambda s=s: {"k_md": k(s)}) for s in settings})
+    yield from _against("direct", settings, lambda s: run(lambda: {"k_md": k(s)}))
 
 
 def network_method(settings: Sequence[str], rng: np.random.Generator, run: Run) -> Iterator[Trial]:
@@ -226,7 +227,7 @@ def coarsen(settings: Sequence[str], rng: np.random.Generator, run: Run) -> Iter
         k = flow.permeability(pore, voxel, network=found).k_md.mean()
         return {"k_md": k, "pores": network.element_sizes(found)}
 
-    yield from _against("1", {s: run(lambda s=s: seen(int(s))) for s in settings})
+    yield from _against("1", settings, lambda s: run(lambda: seen(int(s))))
 
 
 def _shapes(pore: np.ndarray, voxel: float) -> dict:
@@ -337,8 +338,17 @@ def _cut(whole: np.ndarray, edge: int, corner: np.ndarray) -> np.ndarray:
     return whole[tuple(slice(s, s + edge) for s in start)]
 
 
-def _against(reference: str, found: dict[str, tuple[dict, Cost]]) -> Iterator[Trial]:
+def _against(
+    reference: str, settings: Sequence[str], tried: Callable[[str], tuple[dict, Cost]]
+) -> Iterator[Trial]:
     """Every setting against one of them, which has a cost and no error that could be told."""
+    if reference not in settings:
+        raise InputError(
+            "accuracy_sweep.known",
+            f"{reference} is not among {', '.join(settings)}",
+            "name what the others are held against, too",
+        )
+    found = {setting: tried(setting) for setting in settings}
     held = found[reference][0]
     for setting, (value, cost) in found.items():
         errors = differences(value, held)

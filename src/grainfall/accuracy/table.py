@@ -27,8 +27,15 @@ PACKING, TWIN = "packing", "twin"
 """Scenes: grains poured once, and whole twins; a knob of the analysis is a scene of its own."""
 
 
-def gather(results: str | Path, sweep: Mapping, samples: Sequence[str], jobs: Sequence[str]) -> pd.DataFrame:
-    """Every difference that is measured so far.
+def gather(
+    results: str | Path,
+    sweep: Mapping,
+    samples: Sequence[str],
+    jobs: Sequence[str],
+    poured: int = 1,
+    twins: int = 1,
+) -> pd.DataFrame:
+    """Every difference that is measured so far, of those that the sweep asks for.
 
     Parameters
     ----------
@@ -38,6 +45,8 @@ def gather(results: str | Path, sweep: Mapping, samples: Sequence[str], jobs: Se
     samples : sequence of str
     jobs : sequence of str
         What a whole twin takes.
+    poured, twins : int
+        Packings of a setting and twins of a preset, of each sample.
 
     Returns
     -------
@@ -45,18 +54,22 @@ def gather(results: str | Path, sweep: Mapping, samples: Sequence[str], jobs: Se
         scene, knob, setting, against, repeat, metric, difference, wall_s, cpu_s, peak_rss_mb.
     """
     root = Path(results)
-    pairs = [(knob, v, sweep["against"]) for knob, found in sweep["packing"].items() for v in found]
-    pairs.append((sweep["against"], sweep["against"], sweep["against"]))
+    against = sweep["against"]
+    pairs = []
+    if against is not None:
+        pairs = [(knob, v, against) for knob, found in sweep["packing"].items() for v in found]
+        pairs.append((against, against, against))
     pairs += [("chance", setting, against) for setting, against in sweep["chance"].items()]
     rows: list[dict] = []
     for sample in samples:
         for knob, setting, against in pairs:
-            for path in sorted((root / sample / setting).glob("*/first/observed.json")):
-                held = root / sample / against / path.parent.parent.name / "first/observed.json"
+            for number in range(poured):
+                first = f"{number}/first/observed.json"
+                path, held = (root / sample / of / first for of in (setting, against))
                 rows += _paired((PACKING, knob, setting, against), path, held, ["first_packing"])
         for preset in sweep["presets"]:
-            for path in sorted((root / sample / preset).glob("*/observed.json")):
-                held = root / sample / "observed.json"
+            for number in range(twins):
+                path, held = (root / sample / of / "observed.json" for of in (f"{preset}/{number}", ""))
                 rows += _paired((TWIN, PRESETS, preset, "truth"), path, held, jobs)
     known = [
         pd.read_csv(path)
@@ -71,16 +84,14 @@ REPEATS = ("scene", "knob", "setting", "against", "repeat", "metric", "differenc
 
 def _paired(about: tuple, path: Path, held: Path, jobs: Sequence[str]) -> list[dict]:
     """Differences of a volume to the one it is held against, with its cost; nothing while one is missing."""
-    twin = next(folder for folder in path.parents if folder.name.isdigit())
-    if not held.exists():
+    if not (path.exists() and held.exists()):
         return []
+    twin = next(folder for folder in path.parents if folder.name.isdigit())
     written = [twin / f"benchmarks/{job}.tsv" for job in jobs]
-    costs = read_costs(file for file in written if file.exists())
-    spent = (
-        costs["wall_s"].sum(),
-        costs["cpu_s"].sum(skipna=False) if len(costs) else np.nan,
-        costs["peak_rss_mb"].max(),
-    )
+    spent = (np.nan,) * len(COSTS)
+    if all(file.exists() for file in written):  # what is not known of one job is not known of all
+        costs = read_costs(written)
+        spent = costs["wall_s"].sum(), costs["cpu_s"].sum(skipna=False), costs["peak_rss_mb"].max()
     repeat = f"{twin.parent.parent.name}/{twin.name}"
     errors = differences(io.read_json(path), io.read_json(held))
     if path == held:  # nothing to tell its error by; but no overlap is right

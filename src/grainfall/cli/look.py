@@ -183,6 +183,11 @@ def _millions(count: int) -> str:
     return f"{_rounded(count / 1e6):.10g}"
 
 
+def name_in_study(image: Path) -> str:
+    """What the copy of an image is called: braces mark wildcards to Snakemake."""
+    return re.sub(r"[{}]", "_", image.name)
+
+
 def check_free(folder: Path, image: Path, force: bool) -> None:
     """Refuse a folder that no study can lie in, and one that holds a study or another image of this name,
     unless they may be replaced.
@@ -194,7 +199,7 @@ def check_free(folder: Path, image: Path, force: bool) -> None:
     if folder.exists() and not folder.is_dir():
         raise InputError(folder, "is a file", "give the name of a new folder")
     check_braces(folder)
-    copy = folder / image.name
+    copy = folder / name_in_study(image)
     there = [folder / name for name in (*CONFIGS, "results") if (folder / name).exists()]
     there += [copy] if copy.exists() and not (image.exists() and copy.samefile(image)) else []
     if there and not force:
@@ -231,7 +236,7 @@ def write_study(
     check_free(folder, found.image, force)
     name = re.sub(r"[^A-Za-z0-9_-]+", "-", folder.resolve().name).strip("-")[:64]
     name = name if sheet.is_name(name) else "rock"
-    image = folder / re.sub(r"[{}]", "_", found.image.name)  # braces mark wildcards to Snakemake
+    image = folder / name_in_study(found.image)
     row = {"image": image.name, **found.row}
     text = config_text(name, row, found)
     resolved(yaml.safe_load(text), "config.yaml")

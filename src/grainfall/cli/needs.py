@@ -103,7 +103,9 @@ def _carried(sizes: pd.Series, used: pd.Series, size: float) -> float:
     sizes, used = sizes.to_numpy(), np.maximum.accumulate(used.to_numpy())
     if size <= sizes[-1]:
         return float(np.interp(size, sizes, used))
-    share = (used[-1] - used[-2]) / (sizes[-1] - sizes[-2]) if len(sizes) > 1 else used[-1] / sizes[-1]
+    share = used[-1] / sizes[-1]
+    if len(sizes) > 1:  # the last two may happen to lie level
+        share = max((used[-1] - used[k]) / (sizes[-1] - sizes[k]) for k in (0, -2))
     return float(used[-1] + share * (size - sizes[-1]))
 
 

@@ -13,7 +13,7 @@ from grainfall.flow import direct, elliptic, local
 from grainfall.flow.elliptic import AXES
 from grainfall.flow.estimate import kozeny_carman, percolates
 from grainfall.flow.network import MODELS, conductances, spanning, two_face_conductance
-from grainfall.network import PERSISTENCE, Network, extract, find_interfaces, partition
+from grainfall.network import PERSISTENCE, Network, extract, find_interfaces, partition, pore_space
 from grainfall.units import um2_to_millidarcy
 
 __all__ = [
@@ -86,19 +86,19 @@ def permeability(
     DataFrame
         Columns method, axis, k_md, formation_factor, wall_s (what the axes share, divided equally),
         a row per axis x, y, z. Where no path leads from face to face K is exactly 0 and the formation factor,
-        which has no finite value, is empty. A volume without solid has no walls: K is empty, F is 1.
+        which has no finite value, is empty. A volume without solid has no walls: K is empty, F is 1. Both are
+        empty where a network of another method (snow2) misses the only paths.
 
     Raises
     ------
     InputError
-        For an unknown method or conductance, and for what is no volume.
+        For an unknown method or conductance, and for what is no volume of booleans: phases, 0 the pore, would
+        be taken for the flow through the grains.
     """
     for name, value, known in (("method", method, METHODS), ("conductance", conductance, CONDUCTANCES)):
         if value not in known:
             raise InputError(f"flow {name}", f"unknown {name} {value!r}", f"choose one of {', '.join(known)}")
-    pore = np.asarray(pore).astype(bool, copy=False)
-    if pore.ndim != 3 or not pore.size:
-        raise InputError("pore", f"an image of shape {pore.shape}", "give a volume (z, y, x)")
+    pore = pore_space(pore, voxel_size_um)
     if pore.all():
         return _table(method, [(np.nan, 1.0, 0.0)] * 3)
     begin = time.perf_counter()
@@ -139,9 +139,10 @@ def _through_network(
         network = extract(pore, voxel_size_um, persistence=persistence) if network is None else network
         through = [conductances(network, name, conductance) for name in AXES]
     length_per_area = size_um**2 / size_um.prod()
+    missed = percolates(pore) if any(h == 0 for h, _ in through) else (False,) * 3
     return [
-        (um2_to_millidarcy(h * per), 1 / (e * per) if e > 0 else np.nan)
-        for (h, e), per in zip(through, length_per_area, strict=True)
+        (np.nan if h == 0 and there else um2_to_millidarcy(h * per), 1 / (e * per) if e > 0 else np.nan)
+        for (h, e), per, there in zip(through, length_per_area, missed, strict=True)
     ]
 
 

@@ -84,19 +84,28 @@ SQUARE = 1 / 16
 
 
 def by_pyramids(network: Network) -> tuple[np.ndarray, np.ndarray]:
-    """Hydraulic (m,) um^3 and electrical (m,) um conductances by OpenPNM's ``pyramids_and_cuboids``."""
+    """Hydraulic (m,) um^3 and electrical (m,) um conductances by OpenPNM's ``pyramids_and_cuboids``.
+
+    Where one pore reaches beyond the centre of the other, a length comes out negative: such throats are those
+    of :func:`by_shape_factor`.
+    """
     import openpnm
 
     pn = to_openpnm(network)
     geometry = openpnm.models.geometry
     try:
-        hydraulic, electrical = (
-            1 / (1 / kind.pyramids_and_cuboids(pn)).sum(axis=1)
+        factors = [
+            kind.pyramids_and_cuboids(pn)
             for kind in (geometry.hydraulic_size_factors, geometry.diffusive_size_factors)
-        )
+        ]
     finally:
         openpnm.Workspace().close_project(pn.project)
-    return hydraulic * 1e18, electrical * 1e6
+    sound = np.all([(f > 0).all(axis=1) & np.isfinite(f).all(axis=1) for f in factors], axis=0)
+    with np.errstate(divide="ignore"):
+        found = [si / (1 / f).sum(axis=1) for f, si in zip(factors, (1e18, 1e6), strict=True)]
+    pairs = zip(found, by_shape_factor(network), strict=True)
+    hydraulic, electrical = (np.where(sound, own, otherwise) for own, otherwise in pairs)
+    return hydraulic, electrical
 
 
 MODELS = {"shape_factor": by_shape_factor, "pyramids": by_pyramids}

@@ -22,7 +22,7 @@ from grainfall.network.elements import (
     summarise,
 )
 from grainfall.network.export import load, save, save_openpnm, save_statoil, save_vtp, to_openpnm
-from grainfall.network.extraction import METHODS, extract, measure
+from grainfall.network.extraction import METHODS, extract, measure, pore_space
 from grainfall.network.geometry import CIRCLE
 from grainfall.network.partition import PERSISTENCE, Partition, partition
 from grainfall.network.topology import Interfaces, find_interfaces, pore_betti_numbers
@@ -51,6 +51,7 @@ __all__ = [
     "pore_betti_numbers",
     "pore_radius_quantile",
     "pore_size_distance",
+    "pore_space",
     "save",
     "save_openpnm",
     "save_statoil",

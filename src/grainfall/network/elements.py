@@ -64,8 +64,18 @@ def subnetwork(network: Network, keep: np.ndarray) -> Network:
 
 
 def coordination_numbers(network: Network) -> np.ndarray:
-    """Throats of every pore (n,) int; a throat to a boundary pore stands for the link beyond the face."""
-    return np.bincount(network["throat.conns"].ravel(), minlength=len(network["pore.coords"]))
+    """Throats from every pore to others (n,) int; one to a boundary pore stands for the link beyond the face.
+
+    What joins a pore to itself, as about a grain in its middle, is a loop of the pore space, no neighbour.
+    """
+    between = network["throat.conns"][joins_two(network)]
+    return np.bincount(between.ravel(), minlength=len(network["pore.coords"]))
+
+
+def joins_two(network: Network) -> np.ndarray:
+    """Whether a throat joins two pores (m,) bool, and not one to itself."""
+    one, other = network["throat.conns"].T
+    return one != other
 
 
 def conduit_lengths(network: Network) -> np.ndarray:
@@ -85,7 +95,7 @@ PORE_SHARE = 0.6
 
 
 def element_sizes(network: Network) -> dict[str, np.ndarray]:
-    """Sizes to compare networks by: of interior pores with a throat, and of throats between interior pores.
+    """Sizes to compare networks by: of interior pores with a throat, and of throats between two of them.
 
     Pores without throats are left out: nearly all are specks of a few voxels cut off by the resolution.
 
@@ -99,11 +109,11 @@ def element_sizes(network: Network) -> dict[str, np.ndarray]:
     coordination = coordination_numbers(network)
     inner = ~network["pore.boundary"]
     linked = inner & (coordination > 0)
+    between = inner[network["throat.conns"]].all(axis=1) & joins_two(network)
     return {
         "pore_radius_um": network["pore.extended_diameter"][linked] / 2,
         "pore_volume_um3": network["pore.volume"][linked],
-        "throat_radius_um": network["throat.inscribed_diameter"][inner[network["throat.conns"]].all(axis=1)]
-        / 2,
+        "throat_radius_um": network["throat.inscribed_diameter"][between] / 2,
         "coordination": coordination[linked],
     }
 

@@ -69,21 +69,37 @@ def extract(
     Raises
     ------
     InputError
-        For an unknown method, a persistence out of its range, or an image that is not three-dimensional.
+        For an unknown method, a persistence out of its range, and as :func:`pore_space`.
     """
-    pore = np.asarray(pore)
-    if pore.ndim != 3 or 0 in pore.shape:
-        raise InputError("pore", f"an image of shape {pore.shape}", "give a volume (z, y, x)")
     if method not in METHODS:
         raise InputError(
             "network method", f"unknown method {method!r}", f"choose one of {', '.join(METHODS)}"
         )
-    pore = pore.astype(bool, copy=False)
+    pore = pore_space(pore, voxel_size_um)
     if pore.all() or not pore.any():
         return empty()
     if method == "persistence":
         options |= {"persistence": persistence, "threads": threads}
     return METHODS[method](pore, float(voxel_size_um), **options)
+
+
+def pore_space(pore: np.ndarray, voxel_size_um: float) -> np.ndarray:
+    """A volume (nz, ny, nx) of booleans, if it is one.
+
+    Raises
+    ------
+    InputError
+        For other shapes and types: of phases, 0 the pore, the grains would be taken for the pore space. For a
+        voxel size that is no length.
+    """
+    pore = np.asarray(pore)
+    if pore.ndim != 3 or not pore.size:
+        raise InputError("pore", f"an image of shape {pore.shape}", "give a volume (z, y, x)")
+    if pore.dtype != bool:
+        raise InputError("pore", f"an image of {pore.dtype}", "booleans, True in the pore: phase == 0")
+    if not 0 < voxel_size_um < np.inf:
+        raise InputError("voxel_size_um", f"{voxel_size_um:g} is no length", "micrometres, above 0")
+    return pore
 
 
 def by_persistence(

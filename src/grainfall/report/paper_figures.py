@@ -356,8 +356,9 @@ def _sample1(cases: Cases, variant: str) -> Figure | None:
     if r is None:
         return None
     edge = 10 * _grain_um(r)
+    phases = range(1, len(r.phases))
     figure = Figure(figsize=(WIDTH, 4.6))
-    grid = figure.add_gridspec(2, 3, width_ratios=[1, 1.25, 1.25])
+    grid = figure.add_gridspec(2, 1 + len(phases), width_ratios=[1, *[2.5 / len(phases)] * len(phases)])
     left = [figure.add_subplot(grid[i, 0]) for i in (0, 1)]
     window = _window(r, edge)
     _image(left[0], r.section_phase[window], r.pixel_size_um)
@@ -369,8 +370,8 @@ def _sample1(cases: Cases, variant: str) -> Figure | None:
         _bar(axes, edge)
     truth, bodies = r.table("sample:truth_sizes.csv"), drawn_grains(r)
     seen = [r.table("sample:grains2d.csv"), r.table("twin:grains2d.csv")]
-    for column, phase in enumerate((1, 2)):
-        colour = MINERALS[phase - 1]
+    for column, phase in enumerate(phases):
+        colour = MINERALS[(phase - 1) % len(MINERALS)]
         top, bottom = (figure.add_subplot(grid[i, 1 + column]) for i in (0, 1))
         last = truth.loc[truth["phase"] == phase, "r_um"].quantile(0.999)
         edges = np.linspace(0, last, 22)
@@ -378,8 +379,9 @@ def _sample1(cases: Cases, variant: str) -> Figure | None:
         _histograms(top, [(t["r_um"], t["weight"]) for t in of], edges, colour)
         own = bodies[(bodies["kind"] == "grain") & (bodies["phase"] == phase)]["scale"]
         _histograms(bottom, [(truth.loc[truth["phase"] == phase, "r_um"], None), (own, None)], edges, colour)
-        _letter(top, "cd"[column], f"{r.phases[phase]}, 2D")
-        _letter(bottom, "ef"[column], f"{r.phases[phase]}, 3D")
+        first = ord("c") + column
+        _letter(top, chr(first), f"{r.phases[phase]}, 2D")
+        _letter(bottom, chr(first + len(phases)), f"{r.phases[phase]}, 3D")
         bottom.set_xlabel("radius (µm)")
         if column == 0:
             top.set_ylabel("density on slices (1/µm)")
@@ -575,6 +577,13 @@ def _tomogram_panels(cases: Cases):
     return r, rock, grey, solid, _voxel(r, "sample:tomogram/reference.zarr.zip")
 
 
+def _phantom(rock: np.ndarray, solid: np.ndarray, plane: int, binning: int) -> np.ndarray:
+    """Where a plane of a thresholded tomogram shows pore though all of the rock behind its voxel is solid."""
+    ny, nx = solid.shape[1:]
+    behind = rock[plane * binning :][:binning, : ny * binning, : nx * binning] > 0
+    return (solid[plane] == 0) & behind.reshape(-1, ny, binning, nx, binning).all(axis=(0, 2, 4))
+
+
 @styled
 def motivation(cases: Cases) -> Figure | None:
     """The same plane of a rock as a section shows it and as a tomogram does."""
@@ -588,11 +597,9 @@ def motivation(cases: Cases) -> Figure | None:
     fine = rock[rock.shape[0] * plane // len(solid)]
     _image(panels[0], np.where(fine > 0, 0.95, 0.05), _voxel(r, "sample:reference.zarr.zip"), grey=True)
     _image(panels[1], grey[plane], voxel, grey=True)
-    factor = rock.shape[0] // len(solid)
-    n = solid.shape[1] * factor
-    whole = fine[:n, :n].reshape(solid.shape[1], factor, solid.shape[2], factor).min(axis=(1, 3)) > 0
     picture = np.where(solid[plane] > 0, 0.72, 1.0)[..., None] * np.ones(3)
-    picture[(solid[plane] == 0) & whole] = to_rgb(TWIN)
+    binning = round(voxel / _voxel(r, "sample:reference.zarr.zip"))
+    picture[_phantom(rock, solid, plane, binning)] = to_rgb(TWIN)
     extent = panels[1].get_images()[0].get_extent()
     _image(panels[2], np.zeros_like(solid[plane]), voxel)
     panels[2].imshow(picture, extent=extent, interpolation="nearest")

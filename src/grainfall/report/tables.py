@@ -114,8 +114,10 @@ METRICS: dict[str, Metric] = {
                                source="section"),
     "section_alignment": Metric("surface of the section, crossed across what lies aligned over along it",
                                 source="section"),
-    "section_alignment_deg": Metric("direction along which it lies, counter-clockwise from x", "deg", "section"),
+    "section_alignment_deg": Metric("direction along which it lies, counter-clockwise from x", "deg",
+                                    "section"),
     "section_alignment_p": Metric("how often chance aligns a section as much", source="section"),
+    "network_coarsen": Metric("voxels along an axis that are one for network and flow", source="config"),
     "accuracy_error": Metric("error in what accuracy asks for", source="config"),
     "wall_s": Metric("wall time of the realization", "s", "benchmarks"),
     "peak_rss_mb": Metric("peak memory of its largest job", "MB", "benchmarks"),
@@ -694,11 +696,16 @@ def headline(tables: Sequence[pd.DataFrame]) -> list[str]:
     if of("section_alignment") is not None:
         lies = Alignment(*map(of, ("section_alignment", "section_alignment_deg", "section_alignment_p")))
         said += [f"{words}." for words in [lies_aligned(lies)] if words]
-    across = of("voxels_per_grain")
+    across, joined = of("voxels_per_grain"), of("network_coarsen") or 1
     if across is not None and across < FEW_VOXELS:
         said.append(
             f"A mean grain is {number(across, 2)} voxels across: fewer than {FEW_VOXELS} close pores or join "
             "them, and porosity and permeability are off by that (scene.voxel_size_um)."
+        )
+    elif across is not None and across / joined < FEW_VOXELS:
+        said.append(
+            f"Network and flow see {number(across / joined, 2)} voxels across a mean grain: fewer than "
+            f"{FEW_VOXELS} close pores or join them, and permeability is off by that (network.coarsen)."
         )
     inside, p = of("s2_inside_envelope"), of("s2_envelope_p")
     if inside is not None:

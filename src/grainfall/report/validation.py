@@ -16,6 +16,7 @@ import pandas as pd
 from scipy import stats
 
 from grainfall import correlation, io, network, surface
+from grainfall.errors import InputError
 from grainfall.report.tables import t_interval
 from grainfall.volume import size_factor
 
@@ -56,6 +57,14 @@ BEREA_PUBLISHED_MD = 1630.0
 
 CUBES = "cube_*"
 """Folders of a sample's further reference cubes."""
+
+MEASURED = (
+    "reference_flow.csv",
+    "reference_s2.csv",
+    "reference_network_pores.csv",
+    "reference_network_throats.csv",
+)
+"""What a volume that twins are held against is measured by; it counts where all of it is there."""
 
 NEARER = {
     "no_inversion": ("w1_f3d",),
@@ -125,6 +134,9 @@ QUANTITIES: dict[str, Quantity] = {
     "throat_r_um": Quantity("network throat radius, mean", "µm"),
     "w1_pores": Quantity("network pore radii by volume, Wasserstein distance to the truth over its mean"),
     "s2_envelope_p": Quantity("envelope test of the section's S₂ among slices, p (least, largest)"),
+    "s2_windows_rejected": Quantity(
+        "envelope test of every window of the section, share told from slices; truth: where they are alike"
+    ),
     "phantom": Quantity("phantom pores: solid taken for pore, share of the solid"),
 }
 QUANTITIES |= {
@@ -152,7 +164,7 @@ def describe(quantity: str) -> Quantity:
 # ---- what a twin is
 
 
-def gather(results: str | Path, cases: Mapping[str, Mapping]) -> pd.DataFrame:
+def gather(results: str | Path, cases: Mapping[str, Mapping]) -> tuple[pd.DataFrame, list[str]]:
     """Every figure of every finished twin of the cases, one a row.
 
     Parameters
@@ -163,39 +175,54 @@ def gather(results: str | Path, cases: Mapping[str, Mapping]) -> pd.DataFrame:
 
     Returns
     -------
-    DataFrame
-        case, sample, variant, realization (-1: of the sample), quantity, value, truth.
+    figures : DataFrame
+        case, sample, variant, realization (-1: of all its twins), quantity, value, truth.
+    left_out : list of str
+        Samples whose files are damaged, or of another version, and what is wrong with them.
     """
-    root, rows = Path(results), []
+    root, rows, left_out = Path(results), [], []
     for case, study in cases.items():
         if case == "cv_sweep":
             rows += _of_sweep(root)
             continue
         for sample in study["samples"]:
-            twins = []
-            truth = _truth(root / sample)
-            for variant in study["variants"]:
-                for path in sorted((root / sample / variant).glob("*/metrics.csv")):
-                    twins.append((variant, int(path.parent.name), _of_twin(path.parent, truth, sample)))
-            if not twins:
-                continue
-            held = twins[0][2]["porosity"][1]
-            seen = section_surface_ratio(root / sample / twins[0][0], truth)
-            twins += [
-                ("truth", -1, _of_truth(truth, held)),
-                ("section", -1, _of_section(root / sample, held, seen)),
-            ]
-            if (root / sample / "tomogram/reference_flow.csv").exists():
-                twins.append(("tomogram", -1, _of_tomogram(root / sample)))
-            rows += [
-                (case, sample, variant, realization, quantity, value, aim)
-                for variant, realization, found in twins
-                for quantity, (value, aim) in found.items()
-                if value is not None
-            ]
-            rows += _paired(case, sample, twins) + _nearer(case, sample, twins)
+            try:
+                rows += _of_sample(case, root / sample, study["variants"])
+            except InputError as fault:
+                left_out.append(f"{case}, {sample}: {fault}")
+            except KeyError as fault:
+                left_out.append(f"{case}, {sample}: no {fault} in its files, as of another version")
     columns = ["case", "sample", "variant", "realization", "quantity", "value", "truth"]
-    return pd.DataFrame(rows, columns=columns).astype({"value": float, "truth": float})
+    return pd.DataFrame(rows, columns=columns).astype({"value": float, "truth": float}), left_out
+
+
+def _of_sample(case: str, sample: Path, variants: Sequence[str]) -> list[tuple]:
+    """Rows of one sample's twins, and of what they are held against."""
+    twins, truth = [], _truth(sample)
+    for variant in variants:
+        own = [
+            (variant, int(path.parent.name), _of_twin(path.parent, truth))
+            for path in sorted((sample / variant).glob("*/metrics.csv"))
+        ]
+        twins += own
+        if own:
+            twins.append((variant, -1, _of_envelope(sample / variant)))
+    if not twins:
+        return []
+    held = twins[0][2]["porosity"][1]
+    seen = section_surface_ratio(sample / twins[0][0], truth)
+    twins += [
+        ("truth", -1, _of_truth(truth, held)),
+        ("section", -1, _of_section(sample, held, seen)),
+        ("tomogram", -1, _of_tomogram(sample)),
+    ]
+    rows = [
+        (case, sample.name, variant, realization, quantity, value, aim)
+        for variant, realization, found in twins
+        for quantity, (value, aim) in found.items()
+        if value is not None
+    ]
+    return rows + _paired(case, sample.name, twins) + _nearer(case, sample.name, twins)
 
 
 def _paired(case: str, sample: str, twins: Sequence) -> list[tuple]:
@@ -212,11 +239,11 @@ def _nearer(case: str, sample: str, twins: Sequence) -> list[tuple]:
     """By how much nearer to the truth the mean of the full method's twins is than that of another variant,
     over the realizations that both have."""
     found = {(variant, n): figures for variant, n, figures in twins}
-    full = {n: figures for (variant, n), figures in found.items() if variant == "full"}
+    full = {n: figures for (variant, n), figures in found.items() if variant == "full" and n >= 0}
     rows = []
     for other, quantities in NEARER.items():
-        scan = found.get((other, -1))  # a tomogram has no realizations
-        pairs = [(own, scan or found.get((other, n), {})) for n, own in full.items()]
+        # a tomogram has no realizations
+        pairs = [(own, found.get((other, -1 if other == "tomogram" else n), {})) for n, own in full.items()]
         for quantity in quantities:
             values = [[figures.get(quantity, (None,))[0] for figures in pair] for pair in pairs]
             values = np.array(values, float).reshape(-1, 2)
@@ -237,26 +264,37 @@ def _truth(sample: Path) -> dict:
 
 def _of_references(folders: Sequence[Path]) -> dict:
     """Cubes of one rock, as far as they are measured: means, and the pores of all."""
-    names = ("reference_flow.csv", "reference_s2.csv")
-    cubes = [folder for folder in folders if all((folder / name).exists() for name in names)]
+    cubes = [folder for folder in folders if all((folder / name).exists() for name in MEASURED)]
     if not cubes:
         return {}
     k = [_k(folder / "reference_flow.csv") for folder in cubes]
     curves = [radial(folder / "reference_s2.csv") for folder in cubes]
     s2 = np.mean([values for _, values in curves], axis=0)
     return {
-        "k": {along: float(np.mean([of[along] for of in k])) for along in k[0]},
+        "k": {
+            method: {along: float(np.mean([of[method][along] for of in k])) for along in of_first}
+            for method, of_first in k[0].items()
+            if all(method in of for of in k)
+        },
         "s2": (curves[0][0], s2),
         "porosity": 1 - float(s2[0]),
         "sizes": network.pooled_sizes([network_sizes(folder / "reference_network") for folder in cubes]),
     }
 
 
-def _k(path: Path) -> dict[str, float]:
-    """K by axis, by the first method of a flow table, and its mean."""
-    table = io.read_table(path)
-    along = table[table["method"] == table["method"].iloc[0]].set_index("axis")["k_md"]
-    return {"md": float(along[list("xyz")].mean()), **{f"{a}_md": float(along[a]) for a in "xyz"}}
+def _k(path: Path) -> dict[str, dict[str, float]]:
+    """K by axis, and its mean, by each method of a flow table, in its order."""
+    found = {}
+    for method, rows in io.read_table(path).groupby("method", sort=False):
+        along = rows.set_index("axis")["k_md"]
+        axes = {f"{a}_md": float(along[a]) for a in "xyz"}
+        found[method] = {"md": float(along[list("xyz")].mean()), **axes}
+    return found
+
+
+def _over(value: float, aim: float | None) -> float | None:
+    """A ratio; none to nothing."""
+    return value / aim if aim else None
 
 
 def radial(path: Path, column: str = "axis") -> tuple[np.ndarray, np.ndarray]:
@@ -271,8 +309,7 @@ def network_sizes(stem: Path) -> dict[str, np.ndarray]:
     return network.element_sizes(network.load(f"{stem}_pores.csv", f"{stem}_throats.csv"))
 
 
-def _pore_figures(sizes: Mapping, truth: Mapping) -> dict[str, tuple]:
-    other = truth.get("sizes")
+def _pore_figures(sizes: Mapping, other: Mapping | None) -> dict[str, tuple]:
     if not len(sizes["pore_radius_um"]) or not len(sizes["throat_radius_um"]):
         return {}
 
@@ -335,15 +372,17 @@ def _s2_gap(curve: tuple, truth: Mapping) -> tuple:
     return (float(np.abs(np.interp(lags[seen], *curve) - values[seen]).max()), 0.0)
 
 
-def _of_twin(folder: Path, truth: Mapping, sample: str) -> dict[str, tuple]:
-    """Quantity to (value, truth) of one twin."""
+def _of_twin(folder: Path, truth: Mapping) -> dict[str, tuple]:
+    """Quantity to (value, truth) of one twin; no truth of flow and network that were measured otherwise."""
     metrics = io.read_table(folder / "metrics.csv").set_index("metric")["value"]
     scene = io.read_json(folder.parent / "scene.json")
     target = scene["porosity_target"]
     # a target that was held is the truth's; one that the section gave is to be judged by it
     held = truth.get("porosity", target) if scene["porosity_source"].startswith("areal") else target
-    k, k_ref = _k(folder / "flow.csv"), truth.get("k", {})
-    k_ratio, seen = k["md"] / k_ref["md"] if k_ref else None, section_surface_ratio(folder.parent, truth)
+    method, k = next(iter(_k(folder / "flow.csv").items()))
+    k_ref = truth.get("k", {}).get(method, {}) if pd.notna(metrics.get("k_ref_x_md")) else {}
+    k_ratio, seen = _over(k["md"], k_ref.get("md")), section_surface_ratio(folder.parent, truth)
+    sizes = truth.get("sizes") if pd.notna(metrics.get("w1_network_throats_um")) else None
     found: dict[str, tuple] = {
         "porosity": (metrics["porosity"], held),
         "porosity_first": (metrics["porosity_first"], None),
@@ -355,14 +394,13 @@ def _of_twin(folder: Path, truth: Mapping, sample: str) -> dict[str, tuple]:
         # at one porosity K goes as the inverse square of the solid's surface by its volume
         "k_at_equal_surface": (k_ratio and seen and k_ratio * seen**2, 1.0),
         "s2_gap": _s2_gap(radial(folder / "s2_volume.csv"), truth),
-        "s2_envelope_p": (metrics.get("s2_envelope_p"), None),
-        **_pore_figures(network_sizes(folder / "network"), truth),
+        **_pore_figures(network_sizes(folder / "network"), sizes),
         "circle_r95_um": (
             _circle_tail(folder / "pores2d.csv"),
             _circle_tail(folder.parent / "section_pores2d.csv"),
         ),
     }
-    if "grains" in truth and "k" in truth:
+    if "grains" in truth and k_ratio is not None:
         bodies = io.read_table(folder / "bodies.csv")
         bodies["scale"] /= size_factor(io.read_json(folder / "cement.json"))
         found |= _grain_figures(bodies[bodies["kind"] == "grain"], truth["grains"], k["md"], k_ref["md"])
@@ -395,14 +433,24 @@ def _grain_figures(bodies: pd.DataFrame, grains: pd.DataFrame, k: float, k_ref: 
 
 
 def _of_truth(truth: Mapping, held: float) -> dict[str, tuple]:
-    if "k" not in truth:
+    if not truth.get("k"):
         return {}
-    sizes = truth["sizes"]
     return {
         "porosity": (truth["porosity"], held),
-        **{f"k_{axis}": (value, value) for axis, value in truth["k"].items()},
-        **{q: (value, value) for q, (value, _) in _pore_figures(sizes, {}).items()},
+        **{f"k_{axis}": (value, value) for axis, value in next(iter(truth["k"].values())).items()},
+        **{q: (value, value) for q, (value, _) in _pore_figures(truth["sizes"], None).items()},
     }
+
+
+def _of_envelope(folder: Path) -> dict[str, tuple]:
+    """The envelope test of a section among the slices of all twins of a variant, or of its tomogram."""
+    if not (folder / "s2_envelope.json").exists():
+        return {}
+    test = io.read_json(folder / "s2_envelope.json")
+    found = {"s2_envelope_p": (test["p"], None)}
+    if test["n_windows"] > 1:
+        found["s2_windows_rejected"] = (test["windows_rejected"], test["alpha"])
+    return found
 
 
 def _of_section(sample: Path, held: float, seen: float | None) -> dict[str, tuple]:
@@ -413,20 +461,21 @@ def _of_section(sample: Path, held: float, seen: float | None) -> dict[str, tupl
 
 
 def _of_tomogram(sample: Path) -> dict[str, tuple]:
-    """The tomogram against the very cube that it was taken of."""
+    """The tomogram, where there is one, against the very cube that it was taken of."""
     folder, truth = sample / "tomogram", _of_references([sample])
-    about, k = io.read_json(folder / "tomogram.json"), _k(folder / "reference_flow.csv")
-    found = {
+    if not truth or not all((folder / name).exists() for name in (*MEASURED, "tomogram.json")):
+        return {}
+    about, (method, k) = io.read_json(folder / "tomogram.json"), next(iter(_k(folder / MEASURED[0]).items()))
+    k_ref = truth["k"].get(method, {})
+    return {
         "porosity": (about["porosity"], truth["porosity"]),
         "phantom": (about["phantom"], 0.0),
-        **{f"k_{axis}": (k[axis], truth["k"][axis]) for axis in k},
-        "k_ratio": (k["md"] / truth["k"]["md"], 1.0),
+        **{f"k_{axis}": (k[axis], k_ref.get(axis)) for axis in k},
+        "k_ratio": (_over(k["md"], k_ref.get("md")), 1.0),
         "s2_gap": _s2_gap(radial(folder / "reference_s2.csv"), truth),
-        **_pore_figures(network_sizes(folder / "reference_network"), truth),
+        **_pore_figures(network_sizes(folder / "reference_network"), truth["sizes"]),
+        **_of_envelope(folder),
     }
-    if (folder / "s2_envelope.json").exists():
-        found["s2_envelope_p"] = (io.read_json(folder / "s2_envelope.json")["p"], None)
-    return found
 
 
 def _of_sweep(root: Path) -> list[tuple]:
@@ -439,15 +488,16 @@ def _of_sweep(root: Path) -> list[tuple]:
         for variant, row in table.drop("truth").iterrows():
             values = {
                 "r_mean_ratio": row["r_um"] / true["r_um"],
-                "k_ratio": row["k_md"] / true["k_md"],
+                "k_ratio": _over(row["k_md"], true["k_md"]),
                 **{
-                    name: row["k_md"] / row[r] ** 2 / (true["k_md"] / true[r] ** 2)
+                    name: _over(row["k_md"] / row[r] ** 2, true["k_md"] / true[r] ** 2)
                     for name, r in (("k_over_r2_ratio", "r_um"), ("k_over_rs2_ratio", "r_sauter_um"))
                 },
             }
             rows += [
                 ("cv_sweep", f"truth_{n}", variant, 0, f"{quantity}@cv{cv}", value, 1.0)
                 for quantity, value in values.items()
+                if value is not None
             ]
     return rows
 
@@ -491,10 +541,8 @@ def aggregate(figures: pd.DataFrame) -> pd.DataFrame:
         :data:`COLUMNS`.
     """
     rows = []
-    figures = figures.dropna(subset="value")
+    figures = _each_truth_once(figures.dropna(subset="value"))
     for (case, variant, quantity), group in figures.groupby(["case", "variant", "quantity"], sort=False):
-        if variant == "truth":
-            group = group.drop_duplicates("value")
         known = describe(quantity)
         by_section = group.groupby("sample")[["value", "truth"]].mean()
         n, sections = len(group), len(by_section)
@@ -510,6 +558,16 @@ def aggregate(figures: pd.DataFrame) -> pd.DataFrame:
         truth = by_section["truth"].mean()
         rows.append((case, variant, quantity, known.unit, paper, truth, mean, lower, upper, n, sections))
     return pd.DataFrame(rows, columns=COLUMNS)
+
+
+def _each_truth_once(figures: pd.DataFrame) -> pd.DataFrame:
+    """Without the truths that are another's in all their figures: those of slices of one volume."""
+    known, copies = set(), []
+    for (case, _), own in figures[figures["variant"] == "truth"].groupby(["case", "sample"], sort=False):
+        whole = (case, frozenset(zip(own["quantity"], own["value"], strict=True)))
+        copies += own.index.to_list() if whole in known else []
+        known.add(whole)
+    return figures.drop(index=copies)
 
 
 def berea_slices(phase: np.ndarray) -> list[dict]:
@@ -539,8 +597,8 @@ def berea_slices(phase: np.ndarray) -> list[dict]:
     return rows
 
 
-def validation_table(results: str | Path, cases: Mapping[str, Mapping]) -> pd.DataFrame:
-    """All cases, as far as they have come: :data:`COLUMNS`.
+def validation_table(results: str | Path, cases: Mapping[str, Mapping]) -> tuple[pd.DataFrame, list[str]]:
+    """All cases, as far as they have come: :data:`COLUMNS`; and what was left out, as of :func:`gather`.
 
     Parameters
     ----------
@@ -548,7 +606,8 @@ def validation_table(results: str | Path, cases: Mapping[str, Mapping]) -> pd.Da
     cases : mapping
         As for :func:`gather`.
     """
-    table = aggregate(gather(results, cases))
+    figures, left_out = gather(results, cases)
+    table = aggregate(figures)
     volume = Path(results) / "data/berea/reference.zarr.zip"
     if volume.exists() and "berea" in cases:
         extra = pd.DataFrame(berea_slices(io.read_volume(volume, "phase")[0]))
@@ -557,4 +616,4 @@ def validation_table(results: str | Path, cases: Mapping[str, Mapping]) -> pd.Da
     table["_case"] = table["case"].map(order)
     table["_quantity"] = [list(QUANTITIES).index(q.partition("@")[0]) for q in table["quantity"]]
     table = table.sort_values(["_case", "_quantity"], kind="stable", ignore_index=True)
-    return table.drop(columns=["_case", "_quantity"])
+    return table.drop(columns=["_case", "_quantity"]), left_out

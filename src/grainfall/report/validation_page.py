@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -34,7 +34,11 @@ def benchmarks_in_words() -> dict[str, dict]:
 
 
 def build_validation(
-    results: str | Path, table: pd.DataFrame, out: str | Path, drawn: Mapping[str, Path]
+    results: str | Path,
+    table: pd.DataFrame,
+    out: str | Path,
+    drawn: Mapping[str, Path],
+    left_out: Sequence[str] = (),
 ) -> None:
     """Write the page as one HTML file that needs nothing else.
 
@@ -47,6 +51,8 @@ def build_validation(
     out : path
     drawn : mapping
         Figure name to its SVG file; those that are missing, or but a note, are said to be.
+    left_out : sequence of str
+        What the table is without, and why.
     """
     environment = Environment(
         loader=PackageLoader("grainfall.report"),
@@ -80,6 +86,7 @@ def build_validation(
         overview=_figure("permeability", drawn.get("permeability")),
         version=__version__,
         twins=_twins(Path(results)),
+        left_out=left_out,
         missing=[said["title"] for case, said in words.items() if case not in set(table["case"])],
     )
     io.write_text(out, page)

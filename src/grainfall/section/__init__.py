@@ -3,7 +3,7 @@
 What makes rocks and tomograms up, or guesses, is loaded when it is asked for.
 """
 
-from grainfall.section.fetched import plane_of, read_known_volume
+from grainfall.section.fetched import keep_published, plane_of, published_file, read_known_volume
 from grainfall.section.read import Section, load_section, read_reference, read_section, write_section
 from grainfall.section.resample import resample
 
@@ -13,8 +13,10 @@ __all__ = [
     "Tomogram",
     "Truth",
     "guess_kind",
+    "keep_published",
     "load_section",
     "plane_of",
+    "published_file",
     "read_known_volume",
     "read_reference",
     "read_section",

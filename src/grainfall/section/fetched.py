@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import shutil
 import tempfile
 import zipfile
 from collections.abc import Mapping
@@ -10,28 +11,19 @@ from pathlib import Path
 
 import numpy as np
 
+from grainfall import io
 from grainfall.errors import InputError
 from grainfall.section.read import Section, read_reference
 
 
-def read_known_volume(
-    path: str | Path, voxel_size_um: float, files: Mapping[str, int]
-) -> tuple[np.ndarray, float]:
-    """Read a published volume, or a zip that holds just that one file.
+def pore_of_known(path: str | Path, files: Mapping[str, int]) -> int:
+    """The value that is pore in a published file, which its checksum tells.
 
     Parameters
     ----------
     path : str or Path
-    voxel_size_um : float
-        Edge of a voxel, micrometres.
     files : mapping of str to int
         SHA-256 of every known form of the file, with the value that is pore in it.
-
-    Returns
-    -------
-    volume : (z, y, x) uint8
-        0 pore, 1 solid.
-    voxel_size_um : float
 
     Raises
     ------
@@ -49,7 +41,52 @@ def read_known_volume(
             f"has SHA-256 {digest}",
             f"another file, or a damaged one; known are {', '.join(files)}",
         )
-    pore = files[digest]
+    return files[digest]
+
+
+def keep_published(path: str | Path, files: Mapping[str, int], folder: str | Path) -> None:
+    """Copy a published file, if it is a known one, into a folder of its own.
+
+    Raises
+    ------
+    InputError
+        As :func:`pore_of_known`.
+    """
+    pore_of_known(path, files)
+    with io.atomic_path(Path(folder) / Path(path).name) as copy:
+        shutil.copyfile(path, copy)
+
+
+def published_file(folder: str | Path) -> Path | None:
+    """What :func:`keep_published` has left in a folder; None where that is not done."""
+    return next((path for path in sorted(Path(folder).glob("[!.]*"))), None)
+
+
+def read_known_volume(
+    path: str | Path, voxel_size_um: float, files: Mapping[str, int]
+) -> tuple[np.ndarray, float]:
+    """Read a published volume, or a zip that holds just that one file.
+
+    Parameters
+    ----------
+    path : str or Path
+    voxel_size_um : float
+        Edge of a voxel, micrometres.
+    files : mapping of str to int
+        As of :func:`pore_of_known`.
+
+    Returns
+    -------
+    volume : (z, y, x) uint8
+        0 pore, 1 solid.
+    voxel_size_um : float
+
+    Raises
+    ------
+    InputError
+        When the file is none of those known, or cannot be read.
+    """
+    pore = pore_of_known(path, files)
     if not zipfile.is_zipfile(path) or Path(path).suffix != ".zip":
         return read_reference(path, voxel_size_um, pore_value=pore)
     with zipfile.ZipFile(path) as archive, tempfile.TemporaryDirectory() as folder:

@@ -151,7 +151,8 @@ class Truth:
         if len(taken) < number:
             raise InputError(
                 "reference_cubes",
-                f"the truth has room for {len(taken)} cubes of {edge} voxels, not for {number}",
+                f"only {len(taken)} cubes of {edge} voxels, each the nearest to the truth's porosity that "
+                f"shares no voxel with those before it, were found, not {number}",
                 "a larger synthetic.shape, a smaller synthetic.reference_edge, or fewer",
             )
         return [cube(corner) for corner in taken]
