@@ -87,6 +87,7 @@ use rule observe_first as observe_twin with:
     benchmark:
         f"{TWIN}/benchmarks/observe_twin.tsv"
     params:
+        settings={},
         science=science("accuracy.observe"),
 
 
@@ -103,6 +104,7 @@ use rule observe_first as observe_reference with:
     wildcard_constraints:
         sample=any_of(REFERENCED),
     params:
+        settings={},
         science=science("accuracy.observe"),
 
 

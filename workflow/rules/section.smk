@@ -40,11 +40,8 @@ use rule synthesise as truth_cube with:
     benchmark:
         f"{SAMPLE}/benchmarks/truth_cube.tsv"
     params:
-        stream=stream,
-        row=row("pixel_size_um"),
         rock=synthesis_but("outlined"),
         cube=0,
-        science=science("section"),
 
 
 use rule truth_cube as further_cube with:
@@ -59,11 +56,7 @@ use rule truth_cube as further_cube with:
         sample=any_of(SYNTHESES),  # not the folder of a cube, which is measured as a sample's reference is
         cube=any_of(CUBES),
     params:
-        stream=stream,
-        row=row("pixel_size_um"),
-        rock=synthesis_but("outlined"),
         cube=lambda wildcards: CUBES.index(wildcards.cube) + 1,
-        science=science("section"),
 
 
 rule read_section:
