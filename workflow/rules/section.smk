@@ -112,7 +112,7 @@ rule read_reference:
         "../../scripts/read_reference.py"
 
 
-# Only what is not kept yet: a finished study asks no server again, nor minds from where its file came.
+# Only what is not kept yet: a finished study asks no server again, nor minds which copy its file came from.
 rule fetch:
     input:
         published=data_source,

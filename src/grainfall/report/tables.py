@@ -99,7 +99,7 @@ METRICS: dict[str, Metric] = {
     "coordination": Metric("contacts per grain, without rattlers", "contacts", "contacts.csv"),
     "rattlers": Metric("share of grains that carry nothing", source="contacts.csv"),
     "n_pores": Metric("linked pores of the network", "pores", "network"),
-    "n_throats": Metric("throats of the network", "throats", "network"),
+    "n_throats": Metric("throats between two interior pores", "throats", "network"),
     "w1_network_pores_um": Metric("network pore radii by volume, distance to the reference", "µm", "network"),
     "w1_network_throats_um": Metric("network throat radii, distance to the reference", "µm", "network"),
     "w1_network_coordination": Metric("pore coordination, distance to the reference", "throats", "network"),
