@@ -16,8 +16,9 @@ import zarr
 from outputs import outputs
 
 from conftest import ROOT, TINY, planned, snakemake, write_config
-from grainfall import provenance
+from grainfall import flow, provenance
 from grainfall.export import FORMATS
+from grainfall.io import read_volume
 from grainfall.report import SUMMARY_COLUMNS
 
 AFTER_PACKING = {
@@ -32,6 +33,7 @@ AFTER_PACKING = {
     "s2_envelope",
     "network",
     "flow",
+    "flow_on_voxels",
     "contacts",
     "resettling",
     "plan",
@@ -351,6 +353,26 @@ def test_a_variant_that_measures_otherwise_is_not_held_against_the_reference(fin
     assert held == {"full", "direct"}
     assert {name for name, files in inputs.items() if "tiny/reference_network_pores.csv" in files} == held
     assert all("tiny/reference_s2.csv" in files for files in inputs.values())
+
+
+def test_another_method_of_flow_solves_no_other_again(finished, tmp_path):
+    """What takes hours on voxels depends neither on the others nor on the network."""
+    folder = shutil.copytree(finished, tmp_path / "flow")
+    write_config(folder, changed(flow={"methods": ["network", "estimate", "elliptic"]}))
+    table = "results/tiny/full/0/flow.csv"
+    done = snakemake(folder, "--", table, "results/tiny/reference_flow.csv")
+    assert done.returncode == 0, done.stdout[-3000:]
+    found = pd.read_csv(folder / table)
+    assert found["method"].tolist() == ["network"] * 3 + ["estimate"] * 3 + ["elliptic"] * 3
+    before = pd.read_csv(finished / table)
+    pd.testing.assert_frame_equal(found[:6].drop(columns="wall_s"), before.drop(columns="wall_s"))
+    pore, voxel = read_volume(folder / "results/tiny/full/0/twin.zarr.zip", "phase")
+    k = flow.permeability(pore == 0, voxel["voxel_size_um"], "elliptic").k_md
+    assert found["k_md"][6:].to_numpy() == pytest.approx(k.to_numpy(), rel=1e-6)
+    again = {"flow": {"methods": ["elliptic", "direct", "network"]}, "network": {"persistence": 0.3}}
+    write_config(folder, changed(**again))
+    jobs = planned(folder, "--", table)
+    assert jobs == {"network": 1, "flow_on_voxels": 1, "flow": 1}
 
 
 def test_edit_of_a_late_chapter_reruns_what_it_touches(finished, tmp_path):

@@ -15,6 +15,7 @@ WHOLE_TWIN = [
     "twin",
     "network",
     "flow",
+    *(f"flow_{method}" for method in CONFIG["flow"]["methods"] if method in ON_VOXELS),
     "contacts",
 ]
 

@@ -164,6 +164,9 @@ CACHED_JOBS = [
 ]
 
 
+ON_VOXELS = ["elliptic", "direct"]
+
+
 def any_of(names):
     """A wildcard constraint that matches just these names, and nothing where there are none."""
     return "|".join(names) or "(?!)"
@@ -174,6 +177,7 @@ wildcard_constraints:
     data=any_of(CONFIG["data"]),
     variant=any_of(VARIANTS),
     realization=r"\d+",
+    method=any_of(ON_VOXELS),
     packing="first|second",
     axis="x|y|z",
 
@@ -240,7 +244,7 @@ def need(rulename, wildcards):
 
     A slab's job, of a rule X_slab, needs what that of rule X would for a volume of its size.
     """
-    rulename, slab, _ = rulename.partition("_slab")
+    rulename, slab, _ = rulename.removesuffix("_on_voxels").partition("_slab")
     if rulename in ("truth_cube", "further_cube"):
         rulename = "synthesise"
     if rulename == "synthesise":
@@ -256,21 +260,13 @@ def need(rulename, wildcards):
     return NEEDS.job(rulename, size), size
 
 
-def solves_on_voxels(rulename, wildcards):
-    """Whether a job solves equations on all voxels."""
-    whole = VARIANTS.get(getattr(wildcards, "variant", None), CONFIG)
-    return rulename.endswith("flow") and bool(
-        {"elliptic", "direct"} & set(whole["flow"]["methods"])
-    )
-
-
 def memory(otherwise):
     """A resource function: MB to ask for, by the job's size where that is known; more where it was not enough."""
 
     def of(wildcards, rulename, attempt):
         known, size = need(rulename, wildcards)
         asked = known.mem_mb if known else otherwise
-        if known and solves_on_voxels(rulename, wildcards):
+        if known and rulename.endswith("_on_voxels"):
             asked += STOKES_MB * size["Mvoxel"]
         beside = 0 if workflow.local_exec else SNAKEMAKE_MB
         return round(asked * attempt + beside)
@@ -283,7 +279,7 @@ def runtime(otherwise):
 
     def of(wildcards, rulename, attempt):
         known, _ = need(rulename, wildcards)
-        if known is None or solves_on_voxels(rulename, wildcards):
+        if known is None or rulename.endswith("_on_voxels"):
             return max(known.runtime_min if known else 0, otherwise) * attempt
         return known.runtime_min * attempt
 
@@ -296,6 +292,11 @@ def many_threads(wildcards, rulename):
     return known.threads if known else 1
 
 
+def of_variant(wildcards):
+    """The config as the job's variant sees it; all of it where the job has none."""
+    return VARIANTS.get(getattr(wildcards, "variant", None), CONFIG)
+
+
 def settings(*keys):
     """A params function: these keys of the config as the rule's variant sees them.
 
@@ -303,8 +304,7 @@ def settings(*keys):
     """
 
     def of(wildcards):
-        whole = VARIANTS.get(getattr(wildcards, "variant", None), CONFIG)
-        found = {}
+        whole, found = of_variant(wildcards), {}
         for section, _, key in (name.partition(".") for name in keys):
             if key:
                 found.setdefault(section, {})[key] = whole[section][key]
@@ -465,10 +465,23 @@ def timed(*jobs):
     return expand(f"{TWIN}/benchmarks/{{job}}.tsv", job=kept, allow_missing=True)
 
 
+def solved_on_voxels(path):
+    """An input function: ``path`` of each method that is solved on all voxels."""
+
+    def of(wildcards):
+        methods = [
+            m for m in of_variant(wildcards)["flow"]["methods"] if m in ON_VOXELS
+        ]
+        return expand(path, method=methods, **dict(wildcards.items()))
+
+    return of
+
+
 def timed_jobs_of_twin(wildcards):
     """Benchmark files of all jobs of a twin, those of its slabs among them."""
     slabs = NETWORK_JOBS if wildcards.variant in BY_SLABS else []
-    return expand(timed(*TWIN_JOBS, *slabs), **wildcards)
+    on_voxels = solved_on_voxels(f"{TWIN}/benchmarks/flow_{{method}}.tsv")(wildcards)
+    return [*expand(timed(*TWIN_JOBS, *slabs), **wildcards), *on_voxels]
 
 
 def beside(path):
