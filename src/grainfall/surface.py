@@ -204,9 +204,9 @@ def lies_aligned(section: Alignment) -> str | None:
     if not (section.p < BY_CHANCE and section.ratio > ALIGNED):
         return None
     return (
-        f"The section lies aligned: its surface is crossed {section.ratio:.3g} times as often across "
-        f"{section.along_deg:.0f} degrees from x as along it. A twin does not keep directions: its "
-        "permeabilities along x, y and z differ by how grains settle, not by this"
+        f"The section lies aligned, at {section.along_deg:.0f} degrees from x (counter-clockwise): lines "
+        f"across meet its surface {section.ratio:.3g} times as often as lines along. A twin does not keep "
+        "directions: its permeabilities along x, y and z differ by how grains settle, not by this"
     )
 
 
