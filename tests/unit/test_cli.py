@@ -87,6 +87,17 @@ def test_a_sample_is_named_as_the_folder_whatever_yaml_makes_of_that(capsys, pic
     assert list(opened.samples) == list(opened.config["samples"]) == [name]
 
 
+def test_a_rock_denser_than_its_beds_is_told_to_take_longer(capsys, picture, tmp_path):
+    y, x = np.indices((264, 264)) % 22
+    dense = tmp_path / "dense.png"
+    Image.fromarray((((y > 1) & (x > 1)) * 255).astype(np.uint8)).save(dense)
+    for image, told in ((dense, True), (picture, False)):
+        folder = tmp_path / image.stem
+        status, said, _ = grainfall(capsys, "new", folder, "--image", image, "--pixel-size", "1um")
+        assert status == 0
+        assert ("three to seven times as long" in " ".join(said.split())) == told
+
+
 def test_what_may_not_be_read_is_one_line(capsys, picture, tmp_path, monkeypatch):
     def refuse(*_, **__):
         raise PermissionError(13, "Permission denied", "/closed/section.png")

@@ -316,6 +316,10 @@ def _yaml(value: object) -> str:
     return yaml.safe_dump(value, default_flow_style=True, width=10**6).removesuffix("\n...\n").strip()
 
 
+TAPPED = 0.32
+"""Porosity that lubricated and tapped beds come to (docs/limits.md, Densification)."""
+
+
 def described(found: Findings) -> list[str]:
     """What was seen and what it will cost, line by line."""
     height, width = found.section.phase.shape
@@ -329,6 +333,8 @@ def described(found: Findings) -> list[str]:
         if cost.measured
         else " This one is more than twice as large as any measured: the fit is carried on."
     )
+    if found.summary["porosity"] < TAPPED:
+        beyond += " A rock this dense may take three to seven times as long, as Berea's: its beds are tapped."
     box = f"a box of {found.edge_um:g} um, voxels of {found.voxel_size_um:g} um"
     errors, aligned = sampling_errors(found.section.phase), lies_aligned(alignment(found.section.phase))
     return [
