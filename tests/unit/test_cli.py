@@ -95,7 +95,7 @@ def test_a_rock_denser_than_its_beds_is_told_to_take_longer(capsys, picture, tmp
         folder = tmp_path / image.stem
         status, said, _ = grainfall(capsys, "new", folder, "--image", image, "--pixel-size", "1um")
         assert status == 0
-        assert ("three to seven times as long" in " ".join(said.split())) == told
+        assert ("two to four times as long" in " ".join(said.split())) == told
 
 
 def test_what_may_not_be_read_is_one_line(capsys, picture, tmp_path, monkeypatch):

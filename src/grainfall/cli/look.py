@@ -334,7 +334,7 @@ def described(found: Findings) -> list[str]:
         else " This one is more than twice as large as any measured: the fit is carried on."
     )
     if found.summary["porosity"] < TAPPED:
-        beyond += " A rock this dense may take three to seven times as long, as Berea's: its beds are tapped."
+        beyond += " A rock this dense may take two to four times as long, as Berea's: its beds are tapped."
     box = f"a box of {found.edge_um:g} um, voxels of {found.voxel_size_um:g} um"
     errors, aligned = sampling_errors(found.section.phase), lies_aligned(alignment(found.section.phase))
     return [
