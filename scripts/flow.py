@@ -9,25 +9,23 @@ files, settings = snakemake.input, snakemake.params.settings
 extraction = settings["network"]
 
 with stage(snakemake) as progress:
-    known = pd.concat([pd.DataFrame({"method": []}), *map(io.read_table, files.get("on_voxels", []))])
-    with io.open_volume(files.volume, "phase") as (phase, attributes):
-        pore, voxel_size_um = volume.read_pore_space(
-            phase, attributes["voxel_size_um"], extraction["coarsen"]
-        )
+    tables = {table["method"].iloc[0]: table for table in map(io.read_table, files.get("on_voxels", []))}
+    left = [method for method in snakemake.params.methods if method not in tables]
     through_network = {}
-    if files.get("pores"):
+    if left and files.get("pores"):
         through_network = {
             "conductance": "pyramids" if extraction["method"] == "snow2" else settings["flow"]["conductance"],
             "network": network.load(files.pores, files.throats),
             "persistence": extraction["persistence"],
             "threads": snakemake.threads,
         }
-    tables = []
-    for method in snakemake.params.methods:
-        table = known[known["method"] == method]
-        if table.empty:
-            table = flow.permeability(pore, voxel_size_um, method, **through_network, progress=progress)
-            values = ", ".join(f"{k:.4g}" for k in table.k_md)
-            progress.say(f"K by {method} along x, y, z: {values} mD")
-        tables.append(table)
-    io.write_table(snakemake.output.flow, pd.concat(tables))
+    if left:
+        with io.open_volume(files.volume, "phase") as (phase, attributes):
+            pore, voxel_size_um = volume.read_pore_space(
+                phase, attributes["voxel_size_um"], extraction["coarsen"]
+            )
+    for method in left:
+        tables[method] = flow.permeability(pore, voxel_size_um, method, **through_network, progress=progress)
+        values = ", ".join(f"{k:.4g}" for k in tables[method].k_md)
+        progress.say(f"K by {method} along x, y, z: {values} mD")
+    io.write_table(snakemake.output.flow, pd.concat([tables[m] for m in snakemake.params.methods]))

@@ -133,7 +133,7 @@ def test_grains_that_lie_along_a_direction_are_found_to(degrees):
 def test_grains_of_no_direction_are_not():
     rng = np.random.default_rng(2)
     found = [surface.alignment(ellipses(rng, 300, 70, None)) for _ in range(100)]
-    assert np.mean([f.p < 0.05 for f in found]) < 0.15  # of so few grains tiles are not normal
+    assert np.mean([f.p < 0.05 for f in found]) < 0.12
     assert sum(surface.lies_aligned(f) is not None for f in found) <= 1
 
 

@@ -615,12 +615,7 @@ def sweep_of_case(wildcards):
 
 
 def tomograms_of_case(wildcards):
-    names = (
-        "reference_flow.csv",
-        "reference_network_pores.csv",
-        "reference_s2.csv",
-        "s2_envelope.json",
-    )
+    names = (*MEASUREMENTS, "s2_envelope.json")
     return expand(f"{SAMPLE}/tomogram/{{name}}", sample=TOMOGRAMS, name=names)
 
 
