@@ -91,8 +91,7 @@ def specific_surface(pore: np.ndarray, spacing_um: float) -> float:
     coarser one.
     """
     pore = np.asarray(pore).astype(bool)
-    crossings = sum(np.count_nonzero(np.diff(pore, axis=axis)) for axis in range(pore.ndim))
-    return 2.0 / pore.ndim * crossings / (pore.size * spacing_um)
+    return float(2.0 / pore.ndim * _crossings(pore, 1).sum() / (pore.size * spacing_um))
 
 
 def core(phase: np.ndarray) -> np.ndarray:
@@ -117,7 +116,7 @@ def solid_surface(phase: np.ndarray, spacing_um: float) -> SolidSurface:
     """
     solid = np.asarray(phase) > 0
     parts = round(CELLS ** (1 / solid.ndim))
-    faces, volume = _by_cells(_crossings(solid), parts), _by_cells(solid, parts)
+    faces, volume = _crossings(solid, parts), _by_cells(solid, parts)
     if not volume.sum():
         return SolidSurface(np.inf, np.inf)
     ratio, error = ratio_of_sums(faces, volume)
@@ -146,7 +145,7 @@ def sampling_errors(phase: np.ndarray) -> SamplingErrors:
     sums over tiles that are taken as independent: what varies over lengths beyond a tile's is missed.
     """
     solid = np.asarray(phase) > 0
-    faces, grain = _by_cells(_crossings(solid), TILES), _by_cells(solid, TILES)
+    faces, grain = _crossings(solid, TILES), _by_cells(solid, TILES)
     area = _by_cells(np.ones(solid.shape, np.uint8), TILES)
     pore = area - grain
     if not (pore.any() and faces.any()):
@@ -230,11 +229,16 @@ def ratio_of_sums(part: np.ndarray, whole: np.ndarray) -> tuple[float, float]:
     return ratio, np.sqrt(n / max(1, n - 1) * (residual**2).sum()) / whole.sum()
 
 
-def _crossings(solid: np.ndarray) -> np.ndarray:
-    """How many lines cross the surface right before each pixel or voxel."""
-    crossings = np.zeros(solid.shape, np.uint8)
-    for axis in range(solid.ndim):
-        crossings[(*(slice(None),) * axis, slice(1, None))] += np.diff(solid, axis=axis)
+def _crossings(solid: np.ndarray, parts: int) -> np.ndarray:
+    """How many lines along the axes cross the surface right before the pixels or voxels of each cell.
+
+    A line of n pixels has n - 1 places for a crossing and stands for the length of n.
+    """
+    crossings = 0.0
+    for axis, n in enumerate(solid.shape):
+        before = np.zeros(solid.shape, np.uint8)
+        before[(*(slice(None),) * axis, slice(1, None))] = np.diff(solid, axis=axis)
+        crossings = crossings + _by_cells(before, parts) * n / max(1, n - 1)
     return crossings
 
 

@@ -14,9 +14,10 @@ def sampling_weights(
 ) -> np.ndarray:
     r"""Miles–Lantuéjoul weights: unbiased size statistics from the objects that a frame does not cut.
 
-    An object of the size :math:`w \times h` falls wholly into a frame :math:`W \times H` with a probability
-    in proportion to :math:`(W-w)(H-h)`: large ones are cut more often, so each uncut one counts with the
-    inverse, and those that are cut count nothing.
+    Of the objects of the size :math:`w \times h` that lie in a frame :math:`W \times H` by one of their
+    points, the share :math:`(W-w)(H-h)/(WH)` lies wholly in it: large ones are cut more often. Each uncut one
+    counts with the inverse, those that are cut count nothing. So a sum of weights estimates how many objects
+    frames hold, and tables of several frames may be joined.
 
     Parameters
     ----------
@@ -30,14 +31,13 @@ def sampling_weights(
     Returns
     -------
     (n,) ndarray
-        0 for cut objects; mean 1 over the others.
+        How many objects each stands for: 0 where it is cut, 1 or more where it is not.
     """
     weight = np.zeros(len(cut))
     whole = ~np.asarray(cut, bool)
     if whole.any():
         free = (frame[0] - np.asarray(width)[whole]) * (frame[1] - np.asarray(height)[whole])
-        weight[whole] = 1 / free
-        weight[whole] /= weight[whole].mean()
+        weight[whole] = frame[0] * frame[1] / free
     return weight
 
 
@@ -101,7 +101,8 @@ def measure_grains(
             "width_um": width * pixel_size_um,
             "height_um": height * pixel_size_um,
             "border": border,
-            "weight": sampling_weights(width, height, border, (columns, rows)),
+            # What reaches the outermost pixels counts as cut: it is whole as seldom as one a pixel wider.
+            "weight": sampling_weights(width + 1, height + 1, border, (columns, rows)),
             "aspect_ratio": major / minor,
             "circularity": 4 * np.pi * area / found["perimeter_crofton"] ** 2,
             "solidity": found["solidity"],

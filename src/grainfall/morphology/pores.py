@@ -15,10 +15,12 @@ def inscribed_circles(labels: np.ndarray, pixel_size_um: float) -> pd.DataFrame:
     """The largest circle in the pore space that has its centre in each pore.
 
     The circle is the largest that holds no pixel centre of the solid, its own centre free to lie between
-    pixel centres. That bounds the true circle from above, for a wall lies somewhere between the outermost
-    pixel centre of the pore and the innermost one of the solid: where the circle touches, half of this gap is
-    taken off (half a pixel at a flat wall along the grid, next to nothing at a round one). On average the
-    radius is then true to about 0.1 pixel for discs, channels and triangles alike.
+    pixel centres, within a pixel of the deepest one. Of several that are equally deep, as along a channel,
+    the circle of middle size counts: the largest is where digitisation happens to leave most room. That
+    bounds the true circle from above, for a wall lies somewhere between the outermost pixel centre of the
+    pore and the innermost one of the solid: where the circle touches, half of this gap is taken off (half a
+    pixel at a flat wall along the grid, next to nothing at a round one). On average the radius is then true
+    to about 0.1 pixel for discs, channels and triangles alike.
 
     Parameters
     ----------
@@ -51,8 +53,10 @@ def inscribed_circles(labels: np.ndarray, pixel_size_um: float) -> pd.DataFrame:
     area = np.bincount(labels.ravel())
     pores = np.flatnonzero(area)
     pores = pores[pores > 0]
-    circles = _circles(labels, distance, area.size)[pores]
-    y, x, r = circles.T
+    inside = np.flatnonzero(labels)
+    order = inside[np.lexsort((-distance.ravel()[inside], labels.ravel()[inside]))]
+    start = np.append(0, np.cumsum(area[pores]))
+    y, x, r = _circles(labels, distance, order, start).T
     border = (y - r < 0) | (x - r < 0) | (y + r > rows) | (x + r > columns)
     return pd.DataFrame(
         {
@@ -99,53 +103,69 @@ def _gap(labels, y, x, r, row, column):
     return r - outermost
 
 
+_SINE, _COSINE = np.sin(np.arange(16) * np.pi / 8), np.cos(np.arange(16) * np.pi / 8)
+
+
 @njit(cache=True)
-def _circles(labels, distance, count):
-    """(count, 3) y, x, r of every label's circle in pixels; pixel i has its centre at i + 0.5."""
+def _circle(labels, row, column, depth, wall):
+    """(y, x, r) of the circle about a pixel of that depth, its centre within a pixel; `wall` is scratch."""
     rows, columns = labels.shape
-    peak = np.zeros((count, 2), np.int64)
-    height = np.zeros(count)
-    for i in range(rows):
-        for j in range(columns):
-            if distance[i, j] > height[labels[i, j]]:
-                height[labels[i, j]] = distance[i, j]
-                peak[labels[i, j]] = i, j
-    angle = np.arange(16) * np.pi / 8
-    sine, cosine = np.sin(angle), np.cos(angle)
-    circles = np.zeros((count, 3))
+    # The solid pixels that can touch such a circle.
+    reach = depth + 2
+    span = int(reach) + 1
+    n = 0
+    for i in range(max(row - span, 0), min(row + span + 1, rows)):
+        for j in range(max(column - span, 0), min(column + span + 1, columns)):
+            if labels[i, j] == 0 and (i - row) ** 2 + (j - column) ** 2 <= reach**2:
+                wall[n] = i, j
+                n += 1
+    if n == 0:
+        return row + 0.5, column + 0.5, depth
+    y, x, r = float(row), float(column), _clearance(wall, n, row, column)
+    step = 0.5
+    while step > 0.005:
+        best, at = r, -1
+        for a in range(len(_SINE)):
+            v, u = y + step * _SINE[a], x + step * _COSINE[a]
+            if abs(v - row) <= 0.7 and abs(u - column) <= 0.7:
+                clear = _clearance(wall, n, v, u)
+                if clear > best + 1e-9:
+                    best, at = clear, a
+        if at < 0:
+            step /= 2
+        else:
+            y, x, r = y + step * _SINE[at], x + step * _COSINE[at], best
+    contacts, gap = 0, 0.0
+    for m in range(n):
+        if np.hypot(wall[m, 0] - y, wall[m, 1] - x) <= r + 0.1:
+            contacts += 1
+            gap += _gap(labels, y, x, r, wall[m, 0], wall[m, 1])
+    return y + 0.5, x + 0.5, r - gap / contacts / 2
+
+
+@njit(cache=True)
+def _circles(labels, distance, order, start):
+    """(n, 3) y, x, r of each label's circle in pixels; pixel i has its centre at i + 0.5.
+
+    `order` has the pixels, as indices into the flat image, label by label from `start` on, deepest first.
+    """
+    rows, columns = labels.shape
+    circles = np.zeros((start.size - 1, 3))
     wall = np.empty((rows * columns, 2), np.int32)
-    for k in range(1, count):
-        row, column = peak[k]
-        # The solid pixels that can touch a circle whose centre is within one pixel of the peak.
-        reach = height[k] + 2
-        span = int(reach) + 1
+    for k in range(start.size - 1):
+        pixels = order[start[k] : start[k + 1]]
+        deepest = distance[pixels[0] // columns, pixels[0] % columns]
+        if deepest >= rows + columns:  # no solid at all
+            pixels = pixels[:1]
+        found = np.zeros((pixels.size, 3))
         n = 0
-        for i in range(max(row - span, 0), min(row + span + 1, rows)):
-            for j in range(max(column - span, 0), min(column + span + 1, columns)):
-                if labels[i, j] == 0 and (i - row) ** 2 + (j - column) ** 2 <= reach**2:
-                    wall[n] = i, j
-                    n += 1
-        if n == 0:
-            circles[k] = row + 0.5, column + 0.5, height[k]
-            continue
-        y, x, r = float(row), float(column), _clearance(wall, n, row, column)
-        step = 0.5
-        while step > 0.005:
-            best, at = r, -1
-            for a in range(angle.size):
-                v, u = y + step * sine[a], x + step * cosine[a]
-                if abs(v - row) <= 0.7 and abs(u - column) <= 0.7:
-                    clear = _clearance(wall, n, v, u)
-                    if clear > best + 1e-9:
-                        best, at = clear, a
-            if at < 0:
-                step /= 2
-            else:
-                y, x, r = y + step * sine[at], x + step * cosine[at], best
-        contacts, gap = 0, 0.0
-        for m in range(n):
-            if np.hypot(wall[m, 0] - y, wall[m, 1] - x) <= r + 0.1:
-                contacts += 1
-                gap += _gap(labels, y, x, r, wall[m, 0], wall[m, 1])
-        circles[k] = y + 0.5, x + 0.5, r - gap / contacts / 2
+        for pixel in pixels:
+            row, column = pixel // columns, pixel % columns
+            if distance[row, column] < deepest:
+                break
+            y, x, r = _circle(labels, row, column, deepest, wall)
+            found[n, 0], found[n, 1], found[n, 2] = y, x, r
+            n += 1
+        middle = np.argsort(found[:n, 2], kind="mergesort")[(n - 1) // 2]
+        circles[k] = found[middle]
     return circles
