@@ -8,13 +8,18 @@ from grainfall.errors import InputError
 with stage(snakemake) as progress:
     grains = io.read_table(snakemake.input.grains)
     pores = io.read_table(snakemake.input.pores)
-    names = io.read_json(snakemake.input.summary)["phases"]
+    summary = io.read_json(snakemake.input.summary)
+    names = summary["phases"]
     rng = random.generator(**snakemake.params.stream, chapter="stereology")
     samples = {(n, "grain"): grains[grains.phase == n] for n in range(1, len(names))}
     samples[0, "pore"] = pores
     dists = {}
     for (phase, kind), table in samples.items():
-        found = stereology.unfold_table(table, rng=rng, **snakemake.params.settings["stereology"])
+        # A pore circle is no section of a body of its size: what pores are left out says little of circles.
+        smallest = summary["smallest_grain_um"] if kind == "grain" else 0.0
+        found = stereology.unfold_table(
+            table, smallest_um=smallest, rng=rng, **snakemake.params.settings["stereology"]
+        )
         if found is None and kind == "grain":
             raise InputError(
                 snakemake.input.grains,

@@ -62,8 +62,9 @@ def packs(
     side = section_side(quantiles, porosity, 1.1 * grains)
     truth = spheres("section/synthetic", (room(quantiles), side, side), quantiles)
     phase, grain = truth.section(PIXEL)
-    seen = morphology.analyse(phase, PIXEL, instances=grain).grains
-    sizes = stereology.unfold_table(seen, method="adaptive", bootstrap=0)
+    section = morphology.analyse(phase, PIXEL, instances=grain)
+    seen, smallest = section.grains, section.smallest_um
+    sizes = stereology.unfold_table(seen, method="adaptive", smallest_um=smallest, bootstrap=0)
     for variant, which in (("truth", None), ("full", "f3d"), ("no_inversion", "f2d")):
         if which is None:
             pack, solid = truth, truth.cubes(edge)[0]

@@ -156,6 +156,7 @@ def unfold(
     *,
     method: str = "adaptive",
     edges_um: np.ndarray | None = None,
+    smallest_um: float = 0.0,
     bootstrap: int = 200,
     rng: np.random.Generator | None = None,
 ) -> SizeDistribution:
@@ -174,6 +175,9 @@ def unfold(
         ``none``: f3D := f2D.
     edges_um : (m + 1,) array, optional
         Bins of the result, increasing, >= 0, that hold all radii; chosen from the data otherwise.
+    smallest_um : float
+        Radius below which sections were left out, as specks: that none is there then says nothing. Heeded by
+        ``adaptive`` only; the others take what is missing for absent.
     bootstrap : int
         Resamples of the sections behind the 95 % band. ``adaptive`` weighs its numbers of components anew for
         each of them, the other methods hold their regularisation.
@@ -191,12 +195,16 @@ def unfold(
         (or pore space) without sections has no size distribution; the caller leaves it out.
     """
     radii, weights = _checked(radii_um, weights)
+    if not 0 <= smallest_um <= radii[0]:
+        raise InputError(
+            "smallest section", f"{smallest_um:g} um", f"from 0 to the smallest radius, {radii[0]:g} um"
+        )
     if method not in METHODS:
         raise InputError("stereology method", f"{method!r} is not known", f"one of {', '.join(METHODS)}")
     if edges_um is not None:
         edges_um = _checked_edges(edges_um, radii)
 
-    inversion = _INVERSIONS[method](radii, weights, edges_um)
+    inversion = _INVERSIONS[method](radii, weights, edges_um, smallest_um)
     grid = inversion.edges
     edges = grid if edges_um is None else edges_um
 
@@ -263,12 +271,16 @@ def _density(values: np.ndarray, edges: np.ndarray) -> np.ndarray:
     return values / (values @ np.diff(edges))
 
 
-def _none(radii: np.ndarray, weights: np.ndarray, edges_um: np.ndarray | None) -> _Inversion:
+def _none(
+    radii: np.ndarray, weights: np.ndarray, edges_um: np.ndarray | None, smallest_um: float
+) -> _Inversion:
     edges = _Sieve(radii, weights).edges if edges_um is None else edges_um
     return _Inversion(edges, _histogram(radii, weights, edges), lambda w: _histogram(radii, w, edges), np.nan)
 
 
-def _paper(radii: np.ndarray, weights: np.ndarray, edges_um: np.ndarray | None, bins: int = 40) -> _Inversion:
+def _paper(
+    radii: np.ndarray, weights: np.ndarray, edges_um: np.ndarray | None, smallest_um: float, bins: int = 40
+) -> _Inversion:
     """The paper's inversion; it leaves the number of bins and the penalty's weight open (here: 40, GCV)."""
     edges = np.linspace(0.0, 2.0 * radii[-1], bins + 1) if edges_um is None else edges_um
     matrix = midpoint_kernel(edges)
@@ -291,7 +303,9 @@ def _paper(radii: np.ndarray, weights: np.ndarray, edges_um: np.ndarray | None, 
     return _Inversion(edges, solve(weights), solve, float(penalty))
 
 
-def _tikhonov(radii: np.ndarray, weights: np.ndarray, edges_um: np.ndarray | None) -> _Inversion:
+def _tikhonov(
+    radii: np.ndarray, weights: np.ndarray, edges_um: np.ndarray | None, smallest_um: float
+) -> _Inversion:
     """NNLS on the exact kernel with a second-difference penalty, its weight by five-fold cross-validation.
 
     The score is the squared distance of section distribution functions: closer to what the result is used for
@@ -327,16 +341,18 @@ def _tikhonov(radii: np.ndarray, weights: np.ndarray, edges_um: np.ndarray | Non
     return _Inversion(edges, again(weights), again, float(penalty))
 
 
-def _adaptive(radii: np.ndarray, weights: np.ndarray, edges_um: np.ndarray | None) -> _Inversion:
+def _adaptive(
+    radii: np.ndarray, weights: np.ndarray, edges_um: np.ndarray | None, smallest_um: float
+) -> _Inversion:
     """Mixtures of gamma densities by maximum likelihood, averaged over their number.
 
     A roughness penalty has one width for all sizes: wide enough for the few small sections, it smears a
     narrow peak. Here every component brings its own width, from below a bin to as wide as its mean, and the
     number of components, priced by Hannan and Quinn's criterion, takes the place of the penalty. The
-    likelihood is that of the binned sections under the exact kernel. A mixture of gammas comes as close as
+    likelihood is that of the binned sections under the exact kernel, given that they are seen. A mixture of gammas comes as close as
     one likes to any density on positive sizes, so the estimate follows the data as their number grows.
     """
-    sieve = _Sieve(radii, weights)
+    sieve = _Sieve(radii, weights, smallest_um)
     fits = sieve.fit(sieve.counts(weights))
 
     def again(w: np.ndarray) -> np.ndarray:
@@ -371,7 +387,7 @@ class _Sieve:
     DEPTH = 6.0  # particles below exp(-6) of the largest section are not modelled
     BEYOND = 0.5  # nor above exp(0.5) of it
 
-    def __init__(self, radii: np.ndarray, weights: np.ndarray):
+    def __init__(self, radii: np.ndarray, weights: np.ndarray, smallest_um: float = 0.0):
         # Kish's effective number: what weighted sections are worth.
         self.sections = weights.sum() ** 2 / np.sum(weights**2)
         step = float(np.clip(0.16 * self.sections**-0.3, 0.008, 0.03))
@@ -381,8 +397,12 @@ class _Sieve:
         self.edges = np.concatenate([[0.0], inner])
         self._inner = inner
         self._middle = 0.5 * (inner[1:] + inner[:-1])
+        # In proportion to the chance that a plane cuts a particle of each bin so that it is seen.
+        self._chance = self._middle
+        if smallest_um > 0:
+            self._chance = self._middle * section_kernel([smallest_um, inner[-1]], inner)[0]
         # Bins without sections add nothing to the likelihood: every component has the total chance 1.
-        section_edges = _section_edges(self.edges, radii)
+        section_edges = np.unique(np.maximum(_section_edges(self.edges, radii), smallest_um))
         bin_of = np.searchsorted(section_edges, radii, side="right") - 1
         filled, self._row = np.unique(bin_of, return_inverse=True)
         self._kernel = section_kernel(section_edges, inner)[filled] * self._middle
@@ -409,11 +429,11 @@ class _Sieve:
         return share / share.sum(), theta[k - 1 : 2 * k - 1], theta[2 * k - 1 :]
 
     def _numbers(self, log_mean: np.ndarray, log_cv: np.ndarray) -> np.ndarray:
-        """Particle numbers (bins, k) of gamma components, scaled to the same chance of being cut."""
+        """Particle numbers (bins, k) of gamma components, scaled to the same chance of being cut and seen."""
         shape = np.exp(-2.0 * log_cv)
         below = scipy.special.gammainc(shape, shape * np.exp(-log_mean) * self._inner[:, None])
         numbers = np.diff(below, axis=0)
-        return numbers / (self._middle @ numbers)
+        return numbers / np.maximum(self._chance @ numbers, 1e-300)
 
     def _seen(self, log_mean: np.ndarray, log_cv: np.ndarray) -> np.ndarray:
         """Share of each component's sections in the filled bins, (bins, k)."""

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from grainfall.errors import InputError
+from grainfall.morphology.split import smallest_radius
 from grainfall.stereology import (
     METHODS,
     SizeDistribution,
@@ -153,6 +154,25 @@ def test_pixels_are_not_taken_for_particles():
     exact, measured = unfold(radii), unfold(pixels)
     at = np.linspace(0.0, 15.0, 400)
     assert np.max(np.abs(exact.cdf(at) - measured.cdf(at))) < 0.03
+
+
+@pytest.mark.parametrize(("mean", "cv"), [(4.0, 0.3), (6.0, 0.5)])
+def test_specks_left_out_are_not_taken_for_absent(mean, cv):
+    """Without the sections below two pixels the sizes are still those that made the others."""
+    sigma = np.sqrt(np.log1p(cv**2))
+    smallest = smallest_radius(2.0)
+    errors = []
+    for seed in range(4):
+        drawn = lognormal_sections(1500, np.random.default_rng(seed), sigma, mean / np.exp(sigma**2 / 2))
+        pixels = np.sqrt(np.round(np.pi * drawn**2) / np.pi)
+        kept = pixels[pixels > smallest]
+        heeded, taken_for_absent = unfold(kept, smallest_um=smallest), unfold(kept)
+        errors.append([heeded.mean() / mean - 1, taken_for_absent.mean() / mean - 1])
+    heeded, taken_for_absent = np.mean(errors, axis=0)
+    assert abs(heeded) < 0.02
+    assert taken_for_absent > 0.07
+    with pytest.raises(InputError, match="from 0 to the smallest radius"):
+        unfold(kept, smallest_um=2 * kept.min())
 
 
 def test_no_inversion_keeps_the_sections():

@@ -126,7 +126,9 @@ def look(
     summary = {**found.summary(section.phases), "pixel_size_um": pixel_size_um}
     sizes = {
         (n, "grain"): stereology.unfold_table(
-            found.grains[found.grains.phase == n], method=settings["stereology"]["method"]
+            found.grains[found.grains.phase == n],
+            method=settings["stereology"]["method"],
+            smallest_um=found.smallest_um,
         )
         for n in range(1, len(section.phases))
     }

@@ -11,7 +11,14 @@ import pandas as pd
 from grainfall.morphology.classify import classify_grains
 from grainfall.morphology.measure import measure_grains
 from grainfall.morphology.pores import inscribed_circles
-from grainfall.morphology.split import MIN_RADIUS_PX, PERSISTENCE, coverage, split_grains, split_pores
+from grainfall.morphology.split import (
+    MIN_RADIUS_PX,
+    PERSISTENCE,
+    coverage,
+    smallest_radius,
+    split_grains,
+    split_pores,
+)
 
 
 @dataclass(frozen=True)
@@ -25,6 +32,8 @@ class Analysis:
     grain_labels, pore_labels : (y, x) ndarray of int32
     grains, pores : DataFrame
         As :func:`measure_grains` and :func:`inscribed_circles` give them.
+    smallest_um : float
+        Equivalent radius below which sections of grains are specks and left out.
     """
 
     phase: np.ndarray
@@ -32,6 +41,7 @@ class Analysis:
     pore_labels: np.ndarray
     grains: pd.DataFrame
     pores: pd.DataFrame
+    smallest_um: float
 
     def summary(self, phases: Sequence[str]) -> dict:
         """Counts and area fractions; every pixel counts, specks and cut grains too."""
@@ -43,6 +53,7 @@ class Analysis:
             "n_grains": len(self.grains),
             "n_grains_uncut": int((self.grains.weight > 0).sum()),
             "n_pores": len(self.pores),
+            "smallest_grain_um": self.smallest_um,
             "grain_speck_fraction": coverage(self.grain_labels, self.phase > 0)["speck_fraction"],
             "pore_speck_fraction": coverage(self.pore_labels, self.phase == 0)["speck_fraction"],
         }
@@ -85,7 +96,9 @@ def analyse(
     if rules:
         grains, phase = classify_grains(grains, labels, phase, rules, phases)
     pore_labels = split_pores(phase, persistence=pore_persistence, min_radius_px=min_radius_px)
-    return Analysis(phase, labels, pore_labels, grains, inscribed_circles(pore_labels, pixel_size_um))
+    pores = inscribed_circles(pore_labels, pixel_size_um)
+    smallest_um = smallest_radius(min_radius_px) * pixel_size_um
+    return Analysis(phase, labels, pore_labels, grains, pores, smallest_um)
 
 
 def measure_slices(

@@ -232,10 +232,19 @@ def _heal(values, pieces, limit):
     return healed
 
 
+def smallest_radius(min_radius_px: float) -> float:
+    """Equivalent radius, pixels, half-way in area between the largest speck and the smallest grain."""
+    return float(np.sqrt(max(0.0, _least_area(min_radius_px) - 0.5) / np.pi))
+
+
+def _least_area(min_radius_px: float) -> int:
+    return int(np.ceil(np.pi * min_radius_px**2))
+
+
 def _resolved(labels: np.ndarray, min_radius_px: float) -> np.ndarray:
     """Drop the specks and number the rest in order of their first pixel."""
     area = np.bincount(labels.ravel())
-    keep = area >= np.pi * min_radius_px**2
+    keep = area >= _least_area(min_radius_px)
     keep[0] = False
     kept, first = np.unique(np.where(keep[labels], labels, 0).ravel(), return_index=True)
     first, kept = first[kept > 0], kept[kept > 0]
