@@ -1,19 +1,18 @@
 """The section's S2 against slices of all realizations: cloud and global envelope."""
 
-from contextlib import ExitStack
-
 from _stage import stage
 
 from grainfall import correlation, io, random
 
-with stage(snakemake) as progress, ExitStack() as opened:
+with stage(snakemake) as progress:
     section, pixel = io.read_volume(snakemake.input.labels, "phase")
-    twins = [opened.enter_context(io.open_volume(path, "phase")) for path in snakemake.input.twins]
+    with io.open_volume(snakemake.input.twins[0], "phase") as (_, attributes):
+        voxel_size_um = attributes["voxel_size_um"]
     table, test = correlation.compare_section(
         section > 0,
         pixel["voxel_size_um"],
-        [phase for phase, _ in twins],
-        twins[0][1]["voxel_size_um"],
+        io.Volumes(snakemake.input.twins, "phase"),
+        voxel_size_um,
         snakemake.params.settings["correlation"]["envelope_slices"],
         random.generator(**snakemake.params.stream, chapter="correlation/envelope"),
     )

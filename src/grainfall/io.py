@@ -10,7 +10,7 @@ import shutil
 import tempfile
 import time
 import zipfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
@@ -397,6 +397,28 @@ def open_volume(path: str | Path, name: str | None = None) -> Iterator[tuple[Vol
         store.close()
 
 
+class Volumes:
+    """An array of several volume files; whoever goes through them has one open at a time.
+
+    Parameters
+    ----------
+    paths : sequence of str or Path
+    name : str
+        Of the array.
+    """
+
+    def __init__(self, paths: Sequence[str | Path], name: str):
+        self._paths, self._name = list(paths), name
+
+    def __len__(self) -> int:
+        return len(self._paths)
+
+    def __iter__(self) -> Iterator[Volume]:
+        for path in self._paths:
+            with open_volume(path, self._name) as (array, _):
+                yield array
+
+
 class Volume:
     """An array in a volume file: read where it is indexed, with one line for a file that is damaged there."""
 
@@ -420,9 +442,11 @@ def _reading(path: str | Path, what: str) -> Iterator[None]:
         yield
     except FileNotFoundError:
         raise InputError(path, "no such file", f"a complete {what} is needed") from None
-    except MemoryError:
+    except (MemoryError, IndexError):  # the file is not to blame
         raise
     except Exception as fault:
+        if isinstance(fault, OSError) and fault.errno is not None:
+            raise InputError(path, f"cannot be read ({fault.strerror})", "a file that can be opened") from None
         detail = f"{type(fault).__name__}: {fault}"[:200]
         raise InputError(
             path, f"not a readable {what} ({detail})", "delete it, so that it is made again"

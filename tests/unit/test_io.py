@@ -2,6 +2,7 @@
 
 import time
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -124,6 +125,30 @@ def test_truncated_volume_is_one_line(tmp_path, volume, keep):
     with pytest.raises(InputError, match=r"v\.zarr\.zip: not a readable volume") as fault:
         io.read_volume(path)
     assert "\n" not in str(fault.value)
+
+
+def test_a_file_that_cannot_be_opened_is_not_to_be_deleted(tmp_path, volume):
+    with pytest.raises(InputError, match="cannot be read") as fault:
+        io.read_json(tmp_path)  # a folder
+    assert "delete" not in str(fault.value)
+    io.write_volume(tmp_path / "v.zarr.zip", {"phase": volume}, 1.0)
+    with io.open_volume(tmp_path / "v.zarr.zip", "phase") as (array, _), pytest.raises(IndexError):
+        array[10_000]  # the caller is wrong, not the file
+
+
+def test_many_volumes_are_open_one_at_a_time(tmp_path, volume):
+    paths = [tmp_path / f"{k}.zarr.zip" for k in range(40)]
+    for k, path in enumerate(paths):
+        io.write_volume(path, {"phase": volume + k}, 1.0)
+    descriptors = Path("/proc/self/fd")
+    if not descriptors.is_dir():
+        pytest.skip("no list of open files on this system")
+    before = len(list(descriptors.iterdir()))
+    volumes = io.Volumes(paths, "phase")
+    assert len(volumes) == 40
+    for k, one in enumerate(volumes):
+        np.testing.assert_array_equal(one[0], volume[0] + k)
+        assert len(list(descriptors.iterdir())) <= before + 2
 
 
 def test_foreign_zip_is_one_line(tmp_path):

@@ -237,6 +237,21 @@ def test_palette_indices_are_labels_but_not_grey(tmp_path):
     refuse("palette", tmp_path / "a.png", "grey", 1)
 
 
+@pytest.mark.parametrize("name", ["a.png", "a.tif"])
+def test_labels_whose_lowest_is_not_darkest_need_names(tmp_path, name):
+    """A program that orders its palette by itself puts the black pore anywhere."""
+    stored = np.array([2, 0, 1], np.uint8)[EXPECTED]
+    if name == "a.png":
+        image = Image.fromarray(stored, mode="P")
+        image.putpalette([255, 255, 0, 255, 0, 0, 0, 0, 0])
+        image.save(tmp_path / name)
+    else:
+        tifffile.imwrite(tmp_path / name, stored, photometric="miniswhite")
+    refuse("its lowest value, 0, would be the pore, and is not the darkest", tmp_path / name, "phases", 1)
+    section = read_section(tmp_path / name, "phases", 1, {"pore": 2, "a": 0, "b": 1})
+    np.testing.assert_array_equal(section.phase, EXPECTED)
+
+
 def test_binary_image_that_looks_inverted_needs_a_word(tmp_path):
     """By stored value the pore would be what everybody sees as grain."""
     seen = EXPECTED > 0
@@ -250,6 +265,36 @@ def test_binary_image_that_looks_inverted_needs_a_word(tmp_path):
         section = read_section(tmp_path / name, "binary", 1, pore_value=pore)
         np.testing.assert_array_equal(section.phase > 0, seen)
     refuse("0 as white", tmp_path / "a.tif", "grey", 1)
+
+
+def test_bilevel_scans_that_show_zero_as_white_need_a_word(tmp_path):
+    """Fax and scanner software stores them so; only Python's booleans are marked so whatever they mean."""
+    Image.fromarray(EXPECTED == 0).save(tmp_path / "a.tif", tiffinfo={262: 0})
+    with tifffile.TiffFile(tmp_path / "a.tif") as tif:
+        assert (tif.pages.first.photometric, tif.pages.first.bitspersample) == (0, 1)
+    refuse("0 as white", tmp_path / "a.tif", "binary", 1)
+
+
+def test_a_tiff_of_lossy_compression_is_refused(tmp_path):
+    discs = np.uint8(np.add.outer(np.arange(64) % 16, np.arange(64) % 16) > 12) * 200
+    Image.fromarray(discs).save(tmp_path / "a.tif", compression="jpeg")
+    refuse("JPEG compression, which may alter values", tmp_path / "a.tif", "instances", 1)
+
+
+def test_a_tiff_of_nibbles_says_what_is_needed(tmp_path):
+    tifffile.imwrite(tmp_path / "a.tif", EXPECTED.astype(np.uint8))
+    data = bytearray((tmp_path / "a.tif").read_bytes())
+    with tifffile.TiffFile(tmp_path / "a.tif") as tif:
+        at = tif.pages.first.tags["BitsPerSample"].valueoffset
+    data[at] = 4
+    (tmp_path / "b.tif").write_bytes(data)
+    refuse("4 bits a sample", tmp_path / "b.tif", "phases", 1)
+
+
+def test_half_precision_labels_are_read_in_silence(tmp_path, recwarn):
+    section = read_section(save(tmp_path / "a.npy", EXPECTED.astype(np.float16)), "phases", 1)
+    np.testing.assert_array_equal(section.phase, EXPECTED)
+    assert not recwarn.list
 
 
 def test_zarr_folder_that_lost_a_chunk_is_refused(tmp_path):
@@ -667,6 +712,13 @@ def test_the_outlined_sandstone(shared_data):
     # The class image adds an outer boundary: what is grain in the outlines stays grain.
     assert classes.porosity < outlined.porosity
     assert (classes.phase[outlined.phase == 1] == 1).mean() > 0.98
+
+
+def test_a_plate_is_no_reference(tmp_path):
+    thin = np.zeros((3, 20, 20), np.uint8)
+    thin[:, :10] = 1
+    with pytest.raises(InputError, match="3 x 20 x 20 voxels are no volume to judge a twin by"):
+        read_reference(save(tmp_path / "a.npy", thin), 1.0)
 
 
 def test_the_berea_volume(shared_data):

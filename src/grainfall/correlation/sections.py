@@ -154,7 +154,7 @@ def compare_section(
         Non-zero where the section is solid.
     pixel_size_um : float
     volumes : sequence of (nz, ny, nx) arrays
-        Twins, one per realization, non-zero where solid.
+        Twins, one per realization, non-zero where solid; gone through twice, one after the other.
     voxel_size_um : float
         Of every twin.
     n_slices : int
@@ -179,7 +179,7 @@ def compare_section(
     one realization are not independent of each other either: more realizations, not more slices, widen the
     cloud to its true width.
     """
-    shape = tuple(int(min(v.shape[a] for v in volumes)) for a in range(3))
+    shape = tuple(min(edges) for edges in zip(*(v.shape for v in volumes), strict=True))
     window = common_window(solid.shape, pixel_size_um, shape, voxel_size_um)
     each = -(-n_slices // len(volumes))
     curves = np.concatenate([slice_curves(v, voxel_size_um, window, each, rng) for v in volumes])

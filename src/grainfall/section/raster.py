@@ -36,8 +36,10 @@ _TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _NPY = b"\x93NUMPY"
 _ZIP = b"PK\x03\x04"
 _ZARR_METADATA = ("zarr.json", ".zgroup", ".zarray")
-# TIFF compressions that tifffile decodes by itself (none, deflate, LZMA, PackBits); Pillow does the others.
+# TIFF compressions that tifffile decodes by itself (none, deflate, LZMA, PackBits); Pillow does the others
+# that keep all values: fax, LZW, Zstandard.
 _TIFFFILE_CODECS = (1, 8, 32946, 34925, 32773)
+_PILLOW_CODECS = (2, 3, 4, 5, 32771, 50000)
 
 
 def read_raster(
@@ -300,14 +302,17 @@ def _read_tiff(path: Path, ndim: int, indexed: bool, max_pixels: int) -> np.ndar
             )
         if page.photometric == tifffile.PHOTOMETRIC.PALETTE and not indexed:
             raise _colour(path, "a palette")
-        # Booleans are let pass: Python's own writer marks them so, whatever they mean.
-        shown_inverted = page.photometric == tifffile.PHOTOMETRIC.MINISWHITE and page.bitspersample > 1
-        if shown_inverted and not indexed:
+        if _shows_zero_white(page) and not indexed:
             raise InputError(
                 path, "a TIFF that shows 0 as white", "convert it, or say which stored value is the pore"
             )
-        if series.dtype is None:
+        if series.dtype is None or page.bitspersample not in (1, 8, 16, 32, 64):
             raise InputError(path, f"a TIFF of {page.bitspersample} bits a sample", "8 or 16 bits are needed")
+        if page.compression not in _TIFFFILE_CODECS + _PILLOW_CODECS:
+            name = getattr(page.compression, "name", page.compression)
+            raise InputError(
+                path, f"a TIFF of {name} compression, which may alter values", "save it with LZW or without"
+            )
         _check_declared(path, series.shape, series.dtype, ndim, max_pixels)
         _check_declared(path, page.shape, series.dtype, len(page.shape), max_pixels)
         _check_declared(path, page.chunks, series.dtype, len(page.chunks), max_pixels)
@@ -320,6 +325,42 @@ def _read_tiff(path: Path, ndim: int, indexed: bool, max_pixels: int) -> np.ndar
         shape, dtype = series.shape, series.dtype
     with _bounded(path, shape, dtype):
         return _read_tiff_pillow(path, inverted)
+
+
+def _shows_zero_white(page) -> bool:
+    """Whether viewers show 0 as white; not of tifffile's own booleans, marked so whatever they mean."""
+    own = page.bitspersample == 1 and page.software.startswith("tifffile")
+    return page.photometric.name == "MINISWHITE" and not own
+
+
+def lowest_is_darkest(path: str | Path, image: np.ndarray) -> bool:
+    """Whether viewers show the lowest value of an image that was read from the file as its darkest."""
+    path = Path(path)
+    if path.is_dir():
+        return True
+    values = np.unique(image)
+    with path.open("rb") as file:
+        head = file.read(8)
+    if head == _PNG:
+        from PIL import Image
+
+        with _unlimited_pillow(), Image.open(path) as png:
+            palette = png.getpalette("RGB")
+        colours = None if palette is None else np.reshape(palette, (-1, 3)).astype(float)
+    elif head.startswith(_TIFF):
+        import tifffile
+
+        with tifffile.TiffFile(path, is_ome=False) as tif:
+            page = tif.pages.first
+            if _shows_zero_white(page):
+                return False
+            colours = None if page.colormap is None else page.colormap.T.astype(float)
+    else:
+        return True
+    if colours is None:
+        return True
+    shown = colours[values[values < len(colours)]] @ (0.299, 0.587, 0.114)
+    return bool(shown[0] == shown.min())
 
 
 @contextmanager
@@ -337,7 +378,7 @@ def _silent_libraries() -> Iterator[None]:
 
 
 def _read_tiff_pillow(path: Path, inverted: bool) -> np.ndarray:
-    """TIFF whose compression (LZW, fax, JPEG ...) tifffile leaves to an optional package."""
+    """TIFF whose compression (LZW, fax ...) tifffile leaves to an optional package."""
     from PIL import Image, ImageSequence
 
     with _unlimited_pillow(), _silent_libraries(), Image.open(path) as image:

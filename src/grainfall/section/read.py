@@ -11,9 +11,12 @@ import numpy as np
 
 from grainfall import io
 from grainfall.errors import InputError
-from grainfall.section.raster import MAX_PIXELS, MAX_VOXELS, read_raster, read_raw
+from grainfall.section.raster import MAX_PIXELS, MAX_VOXELS, lowest_is_darkest, read_raster, read_raw
 
 PORE = "pore"
+LEAST_EDGE = 4
+"""Voxels along the shortest edge of a reference: S2 to two voxels is what its surface is read from."""
+
 KINDS = ("instances", "phases", "binary", "grey")
 MAX_MINERALS = 200
 """Labels above are left to what later chapters add (cement, virtual spheres)."""
@@ -137,6 +140,12 @@ def read_section(
         image, names, values = _multi_otsu(levels, names, values or positions, classes, path, notes)
     else:
         image = _whole_numbers(image, path)
+        if kind == "phases" and phases is None and not lowest_is_darkest(path, image):
+            raise InputError(
+                path,
+                f"its lowest value, {image.min()}, would be the pore, and is not the darkest that it shows",
+                "say which value is which: phases, with the values of the pore and of each mineral",
+            )
 
     if kind == "instances":
         if values is not None:
@@ -222,6 +231,12 @@ def read_reference(
     else:
         volume = read_raster(path, ndim=3, array=array, prefer=("phase", "labels"), max_pixels=max_voxels)
     volume = _whole_numbers(volume, path)
+    if min(volume.shape) < LEAST_EDGE:
+        raise InputError(
+            path,
+            f"{' x '.join(map(str, volume.shape))} voxels are no volume to judge a twin by",
+            f"at least {LEAST_EDGE} along each axis",
+        )
     if names is None:
         names, volume = (PORE, "solid"), (volume != pore_value).astype(np.uint8)
     else:
@@ -311,7 +326,7 @@ def _whole_numbers(image: np.ndarray, where: str | Path) -> np.ndarray:
         raise InputError(
             where, "fractional values in a label image", "whole numbers are needed, or kind: grey"
         )
-    if np.abs(image).max() > 2**53:
+    if np.abs(image).max().astype(float) > 2.0**53:
         raise InputError(where, "values beyond 2^53", "smaller labels are needed")
     return image.astype(np.int64)
 

@@ -1,0 +1,27 @@
+"""Sections and volumes at another pixel size."""
+
+import numpy as np
+import pytest
+
+from grainfall import io
+from grainfall.section import resample
+
+
+@pytest.mark.parametrize(("size", "target"), [(2.0, 3.0), (1.0, 1.0), (5.0, 3.0), (0.7, 1.4)])
+def test_an_open_volume_gives_what_the_array_gives(tmp_path, size, target):
+    volume = np.random.default_rng(0).integers(0, 9, (13, 8, 10)).astype(np.uint8)
+    expected = resample(volume, size, target)
+    io.write_volume(tmp_path / "v.zarr.zip", {"phase": volume}, size)
+    with io.open_volume(tmp_path / "v.zarr.zip", "phase") as (array, _):
+        seen = resample(array, size, target)
+        assert tuple(seen.shape) == expected.shape
+        np.testing.assert_array_equal(seen[...] if size == target else seen[()], expected)
+        for index in ((3,), (slice(None), 2), (slice(None), slice(None), 1), np.s_[1:3, :4, 2:]):
+            np.testing.assert_array_equal(seen[index], expected[index])
+
+
+@pytest.mark.parametrize("size", [1.2, 0.7, 5.345, 1.0])
+@pytest.mark.parametrize("ratio", [2, 4])
+def test_an_even_ratio_steps_evenly_whatever_the_unit(size, ratio):
+    taken = resample(np.arange(2000), size, ratio * size)
+    assert (np.diff(taken) == ratio).all()
