@@ -1,12 +1,18 @@
 """Everything measured on one twin against what was asked for, and its row of the summary."""
 
+from functools import partial
+
 from _stage import stage
 
-from grainfall import correlation, io, network, random, report
+from grainfall import correlation, io, network, random, report, volume
 from grainfall.section import resample
 from grainfall.surface import SolidSurface, core, solid_surface
 
-with stage(snakemake) as progress, io.open_volume(snakemake.input.twin, "phase") as (phase, _):
+with (
+    stage(snakemake) as progress,
+    io.open_volume(snakemake.input.twin, "phase") as (phase, _),
+    io.open_volume(snakemake.input.twin, "body") as (body, _),
+):
     files, settings = snakemake.input, snakemake.params.settings
 
     def table(name):
@@ -54,7 +60,10 @@ with stage(snakemake) as progress, io.open_volume(snakemake.input.twin, "phase")
     )
     values = {
         **packing,
-        **report.phase_values(phase, section),
+        **report.phase_values(
+            report.voxel_counts(phase, body=body, shown=partial(volume.as_minerals, bodies=table("bodies"))),
+            section,
+        ),
         **report.surface_values(
             solid_surface(core(resample(phase, scene["voxel_size_um"], resolution)), resolution),
             SolidSurface(**io.read_json(files.section_surface)),

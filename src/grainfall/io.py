@@ -446,7 +446,9 @@ def _reading(path: str | Path, what: str) -> Iterator[None]:
         raise
     except Exception as fault:
         if isinstance(fault, OSError) and fault.errno is not None:
-            raise InputError(path, f"cannot be read ({fault.strerror})", "a file that can be opened") from None
+            raise InputError(
+                path, f"cannot be read ({fault.strerror})", "a file that can be opened"
+            ) from None
         detail = f"{type(fault).__name__}: {fault}"[:200]
         raise InputError(
             path, f"not a readable {what} ({detail})", "delete it, so that it is made again"

@@ -349,8 +349,9 @@ def _adaptive(
     A roughness penalty has one width for all sizes: wide enough for the few small sections, it smears a
     narrow peak. Here every component brings its own width, from below a bin to as wide as its mean, and the
     number of components, priced by Hannan and Quinn's criterion, takes the place of the penalty. The
-    likelihood is that of the binned sections under the exact kernel, given that they are seen. A mixture of gammas comes as close as
-    one likes to any density on positive sizes, so the estimate follows the data as their number grows.
+    likelihood is that of the binned sections under the exact kernel, given that they are large enough to be
+    kept. A mixture of gammas comes as close as one likes to any density on positive sizes, so the estimate
+    follows the data as their number grows.
     """
     sieve = _Sieve(radii, weights, smallest_um)
     fits = sieve.fit(sieve.counts(weights))

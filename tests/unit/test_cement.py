@@ -100,7 +100,7 @@ def test_the_last_shell_is_spread_evenly():
     phase = np.zeros((6, 64, 64), np.uint8)
     phase[0] = 1
     cemented, _, rim = volume.grow_rims(phase, phase.astype(np.int32), 1 - (1.5 * 64**2) / phase.size, CEMENT)
-    assert rim == 1.0
+    assert rim == 0.5
     quarters = (cemented[1] == CEMENT).reshape(2, 32, 2, 32).sum(axis=(1, 3))
     np.testing.assert_allclose(quarters, 512, atol=16)
 

@@ -124,3 +124,13 @@ def test_what_is_damaged_has_no_size(tmp_path, content):
         (tmp_path / path).write_text(content)
     assert needs.size_of("morphology", tmp_path) == {}
     assert needs.size_of("twin", tmp_path, "full") == {}
+
+
+@pytest.mark.parametrize(("overgrowth", "densification", "rims"), [(1, 0, True), (0, 1, True), (0, 0, False)])
+def test_whether_a_twin_gets_rims_comes_from_its_packings(tmp_path, overgrowth, densification, rims):
+    assert not needs.cemented(tmp_path)  # nothing is known yet
+    io.write_json(tmp_path / "deficit.json", {"overgrowth": {"on": bool(overgrowth)}})
+    assert not needs.cemented(tmp_path)
+    (tmp_path / "second").mkdir()
+    io.write_json(tmp_path / "second/packing.json", {"densification": {"called_for": bool(densification)}})
+    assert needs.cemented(tmp_path) == rims

@@ -1,5 +1,6 @@
 """Voxelisation, porosity correction, topology, contacts and exports against analytic truths."""
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -433,3 +434,16 @@ def test_pore_space_read_in_part_is_that_of_the_whole(factor, tmp_path):
 def test_more_blocks_than_voxels_is_one_line():
     with pytest.raises(InputError, match="4 is more than a volume of 3 x 9 x 9 has"):
         coarsen(np.ones((3, 9, 9), bool), 1.0, 4)
+
+
+def test_a_failed_image_leaves_nothing_behind(tmp_path, monkeypatch):
+    import pyevtk.hl
+
+    def full(name, **_):
+        Path(f"{name}.vti").write_bytes(b"half")
+        raise OSError("no space left")
+
+    monkeypatch.setattr(pyevtk.hl, "imageToVTK", full)
+    with pytest.raises(OSError, match="no space"):
+        volume.export_vti(tmp_path / "a.vti", {"phase": np.zeros((2, 2, 2), np.uint8)}, 1.0)
+    assert not list(tmp_path.iterdir())

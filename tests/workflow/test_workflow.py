@@ -16,7 +16,7 @@ import zarr
 from outputs import outputs
 
 from conftest import ROOT, TINY, planned, snakemake, write_config
-from grainfall import flow, provenance
+from grainfall import flow, io, provenance
 from grainfall.export import FORMATS
 from grainfall.io import read_volume
 from grainfall.report import SUMMARY_COLUMNS
@@ -335,6 +335,18 @@ def test_a_section_is_read_again_for_what_it_was_read_by_only(tmp_path):
     ):
         write_config(tmp_path, {**TINY, **over})
         assert planned(tmp_path, "--", section) == again
+
+
+def test_voxels_may_be_finer_than_the_pixels_of_the_section(finished):
+    """Slices are measured on the section's pixels, whatever the twin's voxels."""
+    before = io.read_table(finished / "results/tiny/full/0/grains2d.csv")
+    write_config(finished, changed(scene={"voxel_size_um": 1.25}, realizations=1), "fine.yaml")
+    done = snakemake(finished, "--", "results/tiny/full/0/metrics.csv", config="fine.yaml")
+    assert done.returncode == 0, done.stdout[-3000:]
+    after = io.read_table(finished / "results/tiny/full/0/grains2d.csv")
+    assert after["index"].max() < 40
+    means = [np.average(table["r_um"], weights=table["weight"]) for table in (before, after)]
+    assert means[1] == pytest.approx(means[0], rel=0.1)
 
 
 def test_a_variant_that_measures_otherwise_is_not_held_against_the_reference(finished):

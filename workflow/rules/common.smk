@@ -226,6 +226,15 @@ def science(*chapters):
 NEEDS = needs.Needs.measured()
 SNAKEMAKE_MB = 300  # on a cluster one runs beside a job's script
 STOKES_MB = 600  # `elliptic` and `direct`: 1.2 kB a pore voxel, were every other voxel one; per million voxels
+# What rims take beside the voxels, by million voxels: `make bench-needs` measures twins without.
+RIMS_MB, RIMS_S = 24, 1
+
+
+def has_rims(rulename, wildcards):
+    """Whether a job makes a twin with rims."""
+    return rulename == "twin" and needs.cemented(
+        expand(TWIN, **dict(wildcards.items()))[0]
+    )
 
 
 def share_of_slab(rulename, size):
@@ -268,6 +277,8 @@ def memory(otherwise):
         asked = known.mem_mb if known else otherwise
         if known and rulename.endswith("_on_voxels"):
             asked += STOKES_MB * size["Mvoxel"]
+        if known and has_rims(rulename, wildcards):
+            asked += RIMS_MB * size["Mvoxel"]
         beside = 0 if workflow.local_exec else SNAKEMAKE_MB
         return round(asked * attempt + beside)
 
@@ -278,10 +289,13 @@ def runtime(otherwise):
     """A resource function: minutes to ask for, as :func:`memory`."""
 
     def of(wildcards, rulename, attempt):
-        known, _ = need(rulename, wildcards)
+        known, size = need(rulename, wildcards)
         if known is None or rulename.endswith("_on_voxels"):
             return max(known.runtime_min if known else 0, otherwise) * attempt
-        return known.runtime_min * attempt
+        minutes = known.runtime_min
+        if has_rims(rulename, wildcards):
+            minutes += round(needs.SLOWER * RIMS_S * size["Mvoxel"] / 60)
+        return minutes * attempt
 
     return of
 

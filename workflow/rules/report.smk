@@ -110,7 +110,9 @@ rule metrics:
         stream=stream,
         settings=settings("packing.engine", "flow.methods", "network.coarsen"),
         asked=ASKED,
-        science=science("report.tables", "correlation", "network", "surface"),
+        science=science(
+            "report.tables", "correlation", "network", "surface", "volume.cement"
+        ),
     script:
         "../../scripts/metrics.py"
 

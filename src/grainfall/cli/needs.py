@@ -143,6 +143,15 @@ def size_of(rule: str, sample: str | Path, variant: str | None = None, coarsen: 
     return size
 
 
+def cemented(twin: str | Path) -> bool:
+    """Whether the twin of this folder is to have rims, as far as its packings have told yet."""
+    with suppress(InputError, KeyError, TypeError, ValueError):
+        overgrowth = io.read_json(Path(twin) / "deficit.json")["overgrowth"]
+        second = io.read_json(Path(twin) / "second/packing.json")
+        return bool(overgrowth["on"] or second["densification"]["called_for"])
+    return False
+
+
 def of_scene(scene: Mapping) -> dict[str, float]:
     """Voxels of a twin's region, as ``plan_scene`` lays it out; grains in it and in the margin around it."""
     return of_shape(scene["shape_zyx"]) | {"kgrain": packing.poured_grains(scene) / PER["kgrain"]}

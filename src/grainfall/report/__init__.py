@@ -25,6 +25,7 @@ from grainfall.report.tables import (
     surface_values,
     sweep_table,
     verdict,
+    voxel_counts,
 )
 
 __all__ = [
@@ -52,6 +53,7 @@ __all__ = [
     "surface_values",
     "sweep_table",
     "verdict",
+    "voxel_counts",
 ]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -81,11 +81,11 @@ METRICS: dict[str, Metric] = {
                               source="resettling.json"),
     "scale_factor": Metric("final scaling of positions", source="correction.json"),
     "contacts_before": Metric("contacts before the final scaling", "contacts", "correction.json"),
-    "contacts_after": Metric("contacts after the final scaling", "contacts", "correction.json"),
+    "contacts_after": Metric("contacts after it, before any cement", "contacts", "correction.json"),
     "contact_area_before_um2": Metric("contact area before the final scaling", "µm²", "correction.json"),
-    "contact_area_after_um2": Metric("contact area after the final scaling", "µm²", "correction.json"),
+    "contact_area_after_um2": Metric("contact area after it, before any cement", "µm²", "correction.json"),
     "euler_before": Metric("Euler number of the pores before the final scaling", source="correction.json"),
-    "euler_after": Metric("Euler number of the pores after the final scaling", source="correction.json"),
+    "euler_after": Metric("Euler number of the pores after it, before any cement", source="correction.json"),
     "w1_grains_um": Metric("grain radii on slices, distance to the section", "µm", "grains2d.csv"),
     "w1_pores_um": Metric("pore-circle radii on slices, distance to the section", "µm", "pores2d.csv"),
     "w1_aspect_ratio": Metric("grain aspect ratio, distance to the section", source="grains2d.csv"),
@@ -406,16 +406,40 @@ def flow_values(
     return found
 
 
-def voxel_counts(phase: np.ndarray, slab: int = 128) -> np.ndarray:
-    """Voxels (256,) of each phase of a volume (z, y, x) of uint8; an open volume file will do."""
+def voxel_counts(
+    phase: np.ndarray,
+    slab: int = 128,
+    *,
+    body: np.ndarray | None = None,
+    shown: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
+) -> np.ndarray:
+    """Voxels of each phase of a volume.
+
+    Parameters
+    ----------
+    phase : (z, y, x) ndarray of uint8
+        An open volume file will do.
+    slab : int
+        Planes read at once.
+    body : (z, y, x) ndarray of int, optional
+        Body of each voxel, likewise.
+    shown : callable, optional
+        (phase, body) of a slab to the phases that are counted in their place.
+
+    Returns
+    -------
+    (256,) ndarray of int
+    """
     counts = np.zeros(256, np.int64)
     for z in range(0, len(phase), slab):
-        for plane in phase[z : z + slab]:  # counting makes integers of eight bytes of what it counts
+        part = phase[z : z + slab]
+        # counting makes integers of eight bytes of what it counts
+        for plane in part if shown is None else shown(part, body[z : z + slab]):
             counts += np.bincount(plane.ravel(), minlength=256)
     return counts
 
 
-def phase_values(twin_phase: np.ndarray, section_phase: np.ndarray, blocks: int = 4) -> dict[str, object]:
+def phase_values(twin: np.ndarray, section_phase: np.ndarray, blocks: int = 4) -> dict[str, object]:
     """Share of each mineral in the solid of the twin, with the section's share ± 2 standard errors as target.
 
     The standard error comes from ``blocks`` × ``blocks`` tiles of the section, whose spread holds the spatial
@@ -423,7 +447,9 @@ def phase_values(twin_phase: np.ndarray, section_phase: np.ndarray, blocks: int 
 
     Parameters
     ----------
-    twin_phase : ndarray of uint8, (z, y, x)
+    twin : (256,) ndarray of int
+        Voxels of each phase as a section shows them, rims as the mineral that they grew on
+        (:func:`voxel_counts`).
     section_phase : ndarray of uint8, (y, x)
     blocks : int
     """
@@ -431,7 +457,6 @@ def phase_values(twin_phase: np.ndarray, section_phase: np.ndarray, blocks: int 
     if len(minerals) < 2:
         return {}
     found: dict[str, object] = {}
-    twin = voxel_counts(twin_phase)
     tiles = [t for rows in np.array_split(section_phase, blocks, 0) for t in np.array_split(rows, blocks, 1)]
     counts = np.array([np.bincount(t.ravel(), minlength=256)[: minerals.stop] for t in tiles], float)
     solid = counts[:, 1:].sum(1)

@@ -47,4 +47,5 @@ class Resampled:
             return np.empty([len(at) for at in taken], self._volume.dtype)
         read = self._volume[tuple(slice(at[0], at[-1] + 1) for at in taken)]
         found = read[np.ix_(*(at - at[0] for at in taken))]
-        return found.reshape([len(at) for at, one in zip(taken, index, strict=True) if isinstance(one, slice)])
+        kept = [n for n, one in zip(found.shape, index, strict=True) if isinstance(one, slice)]
+        return found.reshape(kept)

@@ -221,11 +221,12 @@ def synthesise(
     """Make a synthetic granular rock.
 
     Radii are lognormal per mineral. Spheres in their proportions, filling ``solid_fraction`` of a periodic
-    box, are relaxed from random positions until none overlaps by more than a percent; each becomes a
-    superellipsoid of the same volume with random axes and orientation, and a voxel within two of them belongs
-    to the one in which its level is lower. Where a ``packed_porosity`` is asked for, all grow (or shrink) to
-    the one level that leaves it, and flatten where they meet; the radii asked for are those of the grown
-    grains. Then a share of the grains, drawn at random, is dissolved; or vugs are, until a porosity is met.
+    box, are relaxed from random positions until none overlaps by more than a percent (near a fraction of
+    0.63, two); each becomes a superellipsoid of the same volume with random axes and orientation, and a voxel
+    within two of them belongs to the one in which its level is lower. Where a ``packed_porosity`` is asked
+    for, all grow (or shrink) to the one level that leaves it, and flatten where they meet; the radii asked
+    for are those of the grown grains. Then a share of the grains, drawn at random, is dissolved; or vugs are,
+    until a porosity is met.
 
     Parameters
     ----------
@@ -381,7 +382,7 @@ def _distance(x: np.ndarray, point: np.ndarray, box: np.ndarray) -> np.ndarray:
 
 
 def _radii(rng: np.random.Generator, mineral: Mineral, volume: float) -> np.ndarray:
-    """Radii whose spheres add up to ``volume`` as nearly as whole grains can."""
+    """Radii whose spheres add up to ``volume``, the last of them to a little more."""
     sigma2 = math.log(1 + mineral.cv**2)
     cubed = (
         mineral.radius_um**3 * math.exp(3 * sigma2) if mineral.sizes is None else (mineral.sizes**3).mean()

@@ -125,7 +125,8 @@ def grow_rims(
     phase, body : ndarray
         Without the margin; cement voxels have ``label`` and the body of the grain nearest to them.
     rim : float
-        Thickness, voxels: distance of the last voxel filled from the nearest solid voxel; 0 for none.
+        Thickness, voxels: distance of the last shell filled from the nearest solid voxel, of one that is
+        filled in part as much of the way to it; 0 for none.
 
     Notes
     -----
@@ -139,11 +140,14 @@ def grow_rims(
     squared, voxels = _shells(phase, margin)
     late, last = _left_of_the_last_shell(phase, squared, voxels, _missing(grains, target), margin)
     squared[late] = np.inf
-    rim = float(np.sqrt(last))
+    reach = int(np.ceil(np.sqrt(last)))
+    before = int(np.flatnonzero(voxels[:last])[-1]) if voxels[:last].any() else 0
+    filled = 1 - len(late[0]) / voxels[last]
+    rim = float(np.sqrt(before) + filled * (np.sqrt(last) - np.sqrt(before)))
     for z in range(0, len(grains), SLAB):
         slab = slice(z, z + SLAB)
         filled = (squared[slab] > 0) & (squared[slab] <= last)
-        nearest = _nearest(body, int(np.ceil(rim)) + 1, z + margin, min(z + SLAB, len(grains)) + margin)
+        nearest = _nearest(body, reach + 1, z + margin, min(z + SLAB, len(grains)) + margin)
         grains[slab][filled] = label
         owner[slab][filled] = nearest[:, within[1], within[2]][filled]
     return grains, owner, rim

@@ -85,5 +85,9 @@ def export_vti(path: str | Path, arrays: Mapping[str, np.ndarray], voxel_size_um
         array = np.ascontiguousarray(array)
         cells[name] = (array.view(np.uint8) if array.dtype == bool else array).T
     with atomic_path(path) as part:
-        written = Path(imageToVTK(str(part), spacing=(float(voxel_size_um),) * 3, cellData=cells))
-        written.replace(part)
+        written = part.with_name(f"{part.name}.vti")  # it gives the name its own ending
+        try:
+            imageToVTK(str(part), spacing=(float(voxel_size_um),) * 3, cellData=cells)
+            written.replace(part)
+        finally:
+            written.unlink(missing_ok=True)
