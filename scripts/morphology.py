@@ -11,7 +11,7 @@ with stage(snakemake) as progress:
         section.phase,
         section.pixel_size_um,
         instances=section.instances,
-        grey=section.grey,
+        grey=section.grey_as_given,
         phases=section.phases,
         rules=snakemake.params.settings["section"]["rules"],
         **snakemake.params.settings["morphology"],

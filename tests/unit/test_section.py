@@ -201,6 +201,9 @@ def test_multi_otsu_finds_separated_modes_exactly(tmp_path, request):
         np.testing.assert_array_equal(again.phase, classes)
         assert again.grey.dtype == np.uint16
     assert again.notes["grey_rescaled_from"] == [scaled.min(), scaled.max()]
+    # What goes by grey goes by the file's own scale.
+    np.testing.assert_allclose(again.grey_as_given, scaled, atol=1e-5)
+    np.testing.assert_allclose(again.notes["multi_otsu_thresholds"], np.array([low, high]) / 255, atol=0.1)
 
 
 def test_two_levels_are_split_between_them(tmp_path):

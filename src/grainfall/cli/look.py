@@ -121,7 +121,11 @@ def look(
     section = read_section(image, kind, pixel_size_um, names, pore_value=pore_value, array=array)
     settings = resolved({"samples": "-"}, "defaults")
     found = morphology.analyse(
-        section.phase, pixel_size_um, instances=section.instances, grey=section.grey, **settings["morphology"]
+        section.phase,
+        pixel_size_um,
+        instances=section.instances,
+        grey=section.grey_as_given,
+        **settings["morphology"],
     )
     summary = {**found.summary(section.phases), "pixel_size_um": pixel_size_um}
     sizes = {

@@ -58,6 +58,11 @@ class Section:
     notes: dict = field(default_factory=dict)
 
     @property
+    def grey_as_given(self) -> np.ndarray | None:
+        """(y, x) grey on the scale of the file, also where it was rescaled; None without."""
+        return None if self.grey is None else _as_given(self.grey, self.notes)
+
+    @property
     def porosity(self) -> float:
         """Areal fraction of pore, over every pixel."""
         return self.fractions[PORE]
@@ -435,6 +440,14 @@ def _grey_levels(image: np.ndarray, where: str | Path, notes: dict) -> np.ndarra
     return np.rint((image.astype(np.float64) - low) * (65535 / (high - low))).astype(np.uint16)
 
 
+def _as_given(levels: np.ndarray, notes: Mapping) -> np.ndarray:
+    """Grey levels of :func:`_grey_levels` on the scale of the file."""
+    if "grey_rescaled_from" not in notes:
+        return levels
+    low, high = notes["grey_rescaled_from"]
+    return low + levels * ((high - low) / 65535)
+
+
 def _multi_otsu(
     grey: np.ndarray,
     names: tuple[str, ...] | None,
@@ -475,7 +488,7 @@ def _multi_otsu(
     last = threshold_multiotsu(classes=classes, hist=(histogram, np.arange(len(histogram))))
     # A class ends with the highest level of its last bin.
     thresholds = (last.astype(np.int64) + 1) * width + low - 1
-    notes["multi_otsu_thresholds"] = [int(t) for t in thresholds]
+    notes["multi_otsu_thresholds"] = _as_given(thresholds, notes).tolist()
     labels = np.searchsorted(thresholds, found, side="left").astype(np.uint8)
     return _replaced(grey, found, labels), names, values
 
