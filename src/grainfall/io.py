@@ -431,18 +431,18 @@ class Volume:
         return self.shape[0]
 
     def __getitem__(self, index) -> np.ndarray:
-        with _reading(self._path, "volume"):
+        with _reading(self._path, "volume", (IndexError,)):  # who asks beyond its end is wrong, not the file
             return np.asarray(self._array[index])
 
 
 @contextmanager
-def _reading(path: str | Path, what: str) -> Iterator[None]:
+def _reading(path: str | Path, what: str, passed: tuple[type[Exception], ...] = ()) -> Iterator[None]:
     """One line for whatever a decoder makes of a file that is missing, truncated or damaged."""
     try:
         yield
     except FileNotFoundError:
         raise InputError(path, "no such file", f"a complete {what} is needed") from None
-    except (MemoryError, IndexError):  # the file is not to blame
+    except (MemoryError, *passed):
         raise
     except Exception as fault:
         if isinstance(fault, OSError) and fault.errno is not None:

@@ -360,7 +360,7 @@ def lowest_is_darkest(path: str | Path, image: np.ndarray) -> bool:
     if colours is None:
         return True
     shown = colours[values[values < len(colours)]] @ (0.299, 0.587, 0.114)
-    return bool(shown[0] == shown.min())
+    return not len(shown) or bool(shown[0] == shown.min())
 
 
 @contextmanager
