@@ -337,13 +337,13 @@ def test_a_section_is_read_again_for_what_it_was_read_by_only(tmp_path):
         assert planned(tmp_path, "--", section) == again
 
 
-def test_voxels_may_be_finer_than_the_pixels_of_the_section(finished):
+def test_voxels_may_be_finer_than_the_pixels_of_the_section(finished, tmp_path):
     """Slices are measured on the section's pixels, whatever the twin's voxels."""
-    before = io.read_table(finished / "results/tiny/full/0/grains2d.csv")
-    write_config(finished, changed(scene={"voxel_size_um": 1.25}, realizations=1), "fine.yaml")
-    done = snakemake(finished, "--", "results/tiny/full/0/metrics.csv", config="fine.yaml")
+    folder = shutil.copytree(finished, tmp_path / "run")
+    write_config(folder, changed(scene={"voxel_size_um": 1.25}, realizations=1), "fine.yaml")
+    done = snakemake(folder, "--", "results/tiny/full/0/metrics.csv", config="fine.yaml")
     assert done.returncode == 0, done.stdout[-3000:]
-    after = io.read_table(finished / "results/tiny/full/0/grains2d.csv")
+    before, after = (io.read_table(run / "results/tiny/full/0/grains2d.csv") for run in (finished, folder))
     assert after["index"].max() < 40
     means = [np.average(table["r_um"], weights=table["weight"]) for table in (before, after)]
     assert means[1] == pytest.approx(means[0], rel=0.1)
