@@ -387,6 +387,7 @@ class _Sieve:
     MAX_COMPONENTS = 8
     DEPTH = 6.0  # particles below exp(-6) of the largest section are not modelled
     BEYOND = 0.5  # nor above exp(0.5) of it
+    SEEN = 0.75  # no component has its mean where fewer sections are seen: their number would be a guess
 
     def __init__(self, radii: np.ndarray, weights: np.ndarray, smallest_um: float = 0.0):
         # Kish's effective number: what weighted sections are worth.
@@ -407,7 +408,9 @@ class _Sieve:
         bin_of = np.searchsorted(section_edges, radii, side="right") - 1
         filled, self._row = np.unique(bin_of, return_inverse=True)
         self._kernel = section_kernel(section_edges, inner)[filled] * self._middle
-        self._bounds = (np.log(inner[1]), top + 0.6 * self.BEYOND), (np.log(step / 3), 0.0)
+        seen = smallest_um / np.sqrt(1 - self.SEEN**2)
+        lowest = np.log(max(inner[1], min(seen, np.exp(top - self.BEYOND))))
+        self._bounds = (lowest, top + 0.6 * self.BEYOND), (np.log(step / 3), 0.0)
         # Where the search may start: every size at every width.
         (low, _), (narrow, wide) = self._bounds
         starts = np.meshgrid(np.arange(low, top, 0.06), np.linspace(narrow, wide, 9), indexing="ij")

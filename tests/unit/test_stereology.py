@@ -175,6 +175,23 @@ def test_specks_left_out_are_not_taken_for_absent(mean, cv):
         unfold(kept, smallest_um=2 * kept.min())
 
 
+@pytest.mark.parametrize("number", [1, 30])
+def test_grains_hardly_larger_than_the_limit_have_a_size(number):
+    smallest = smallest_radius(2.0)
+    assert 1.9 < unfold(np.full(number, 2.05), smallest_um=smallest).mean() < 3.4
+
+
+def test_a_few_sections_near_the_limit_are_not_taken_for_a_crowd():
+    """Of grains hardly larger than the limit most cuts are unseen: their number would be a guess."""
+    rng = np.random.default_rng(3)
+    large = sections(rng.normal(16, 4, 400).clip(8), rng)
+    smallest = smallest_radius(2.0)
+    kept = np.append(large[large > smallest], [2.2, 2.2, 2.2, 2.3, 2.4])
+    found = unfold(kept, smallest_um=smallest)
+    assert found.cdf(2 * smallest) < 0.15
+    assert found.mean_volume() > 0.85 * unfold(large).mean_volume()
+
+
 def test_no_inversion_keeps_the_sections():
     found = unfold(lognormal_sections(50, np.random.default_rng(7)), method="none")
     np.testing.assert_array_equal(found.f3d, found.f2d)
