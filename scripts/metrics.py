@@ -61,8 +61,7 @@ with (
     values = {
         **packing,
         **report.phase_values(
-            report.voxel_counts(phase, body=body, shown=partial(volume.as_minerals, bodies=table("bodies"))),
-            section,
+            phase, section, body=body, shown=partial(volume.as_minerals, bodies=table("bodies"))
         ),
         **report.surface_values(
             solid_surface(core(resample(phase, scene["voxel_size_um"], resolution)), resolution),

@@ -39,7 +39,6 @@ from grainfall.report import (
     tables,
     verdict,
     view3d,
-    voxel_counts,
 )
 from grainfall.report.html import Results, _permeability, drawn_grains
 from grainfall.report.tables import headline
@@ -223,7 +222,7 @@ def make_sample(root: Path, name="demo", variants=("full", "bullet"), realizatio
                         io.read_table(sample / "grains2d.csv"), pores, seen, twin_pores,
                         np.random.default_rng(1), repeats=20,
                     ),
-                    **phase_values(voxel_counts(volume), phase),
+                    **phase_values(volume, phase),
                     **flow_values(ours, reference_flow),
                     **({"w1_network_pores_um": 0.5} if reference else {}),
                 }
@@ -580,13 +579,13 @@ def test_chance_bound_holds_for_chance_and_catches_a_shift():
 
 def test_phase_shares_of_the_section_itself_are_met():
     phase = np.random.default_rng(0).integers(0, 3, (60, 60)).astype(np.uint8)
-    found = phase_values(voxel_counts(phase[None]), phase)
+    found = phase_values(phase[None], phase)
     assert all(j.status == "met" for j in judge(metrics_table(found)))
     assert sum(found[f"phase_fraction_{i}"] for i in (1, 2)) == pytest.approx(1)
-    swapped = phase_values(voxel_counts(np.where(phase == 2, 1, phase)[None]), phase)
+    swapped = phase_values(np.where(phase == 2, 1, phase)[None], phase)
     assert all(j.status == "missed" for j in judge(metrics_table(swapped)))
     one = (phase > 0).astype(np.uint8)
-    assert phase_values(voxel_counts(one[None]), one) == {}
+    assert phase_values(one[None], one) == {}
 
 
 def test_rims_count_for_the_mineral_they_grew_on():
@@ -594,8 +593,8 @@ def test_rims_count_for_the_mineral_they_grew_on():
     phase = np.repeat(np.array([1, 2, 3, 0], np.uint8), 100).reshape(4, 10, 10)
     body = np.repeat([1, 2, 2, 0], 100).reshape(4, 10, 10)
     grains = pd.DataFrame({"id": [0, 1], "phase": [1, 2]})
-    counts = voxel_counts(phase, 3, body=body, shown=partial(as_minerals, bodies=grains))
-    found = phase_values(counts, np.array([[1, 2], [2, 1]], np.uint8), blocks=1)
+    section = np.array([[1, 2], [2, 1]], np.uint8)
+    found = phase_values(phase, section, 1, slab=3, body=body, shown=partial(as_minerals, bodies=grains))
     assert (found["phase_fraction_1"], found["phase_fraction_2"]) == pytest.approx((1 / 3, 2 / 3))
 
 

@@ -183,13 +183,14 @@ def test_grains_hardly_larger_than_the_limit_have_a_size(number):
 
 def test_a_few_sections_near_the_limit_are_not_taken_for_a_crowd():
     """Of grains hardly larger than the limit most cuts are unseen: their number would be a guess."""
-    rng = np.random.default_rng(3)
-    large = sections(rng.normal(16, 4, 400).clip(8), rng)
     smallest = smallest_radius(2.0)
-    kept = np.append(large[large > smallest], [2.2, 2.2, 2.2, 2.3, 2.4])
-    found = unfold(kept, smallest_um=smallest)
-    assert found.cdf(2 * smallest) < 0.15
-    assert found.mean_volume() > 0.85 * unfold(large).mean_volume()
+    small = []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        large = sections(rng.normal(16, 4, 150).clip(8), rng)
+        kept = np.append(large[large > smallest], [2.2, 2.2, 2.2, 2.26, 2.45])
+        small.append(unfold(kept, smallest_um=smallest).cdf(2 * smallest))
+    assert np.mean(small) < 0.12  # 0.22 where components may have their mean at the limit
 
 
 def test_no_inversion_keeps_the_sections():

@@ -53,10 +53,13 @@ def inscribed_circles(labels: np.ndarray, pixel_size_um: float) -> pd.DataFrame:
     area = np.bincount(labels.ravel())
     pores = np.flatnonzero(area)
     pores = pores[pores > 0]
-    inside = np.flatnonzero(labels)
-    order = inside[np.lexsort((-distance.ravel()[inside], labels.ravel()[inside]))]
-    start = np.append(0, np.cumsum(area[pores]))
-    y, x, r = _circles(labels, distance, order, start).T
+    deepest = np.zeros(area.size, distance.dtype)
+    np.maximum.at(deepest, labels.ravel(), distance.ravel())
+    peaks = np.flatnonzero((labels > 0) & (distance == deepest[labels]))
+    owner = labels.ravel()[peaks]
+    peaks = peaks[np.argsort(owner, kind="stable")]
+    start = np.append(0, np.cumsum(np.bincount(owner, minlength=area.size)[pores]))
+    y, x, r = _circles(labels, distance, peaks, start).T
     border = (y - r < 0) | (x - r < 0) | (y + r > rows) | (x + r > columns)
     return pd.DataFrame(
         {
@@ -144,28 +147,22 @@ def _circle(labels, row, column, depth, wall):
 
 
 @njit(cache=True)
-def _circles(labels, distance, order, start):
+def _circles(labels, distance, peaks, start):
     """(n, 3) y, x, r of each label's circle in pixels; pixel i has its centre at i + 0.5.
 
-    `order` has the pixels, as indices into the flat image, label by label from `start` on, deepest first.
+    `peaks` are the deepest pixels, as indices into the flat image, label by label from `start` on.
     """
     rows, columns = labels.shape
     circles = np.zeros((start.size - 1, 3))
     wall = np.empty((rows * columns, 2), np.int32)
     for k in range(start.size - 1):
-        pixels = order[start[k] : start[k + 1]]
+        pixels = peaks[start[k] : start[k + 1]]
         deepest = distance[pixels[0] // columns, pixels[0] % columns]
         if deepest >= rows + columns:  # no solid at all
             pixels = pixels[:1]
-        found = np.zeros((pixels.size, 3))
-        n = 0
-        for pixel in pixels:
-            row, column = pixel // columns, pixel % columns
-            if distance[row, column] < deepest:
-                break
-            y, x, r = _circle(labels, row, column, deepest, wall)
-            found[n, 0], found[n, 1], found[n, 2] = y, x, r
-            n += 1
-        middle = np.argsort(found[:n, 2], kind="mergesort")[(n - 1) // 2]
-        circles[k] = found[middle]
+        found = np.empty((pixels.size, 3))
+        for i, pixel in enumerate(pixels):
+            y, x, r = _circle(labels, pixel // columns, pixel % columns, deepest, wall)
+            found[i, 0], found[i, 1], found[i, 2] = y, x, r
+        circles[k] = found[np.argsort(found[:, 2], kind="mergesort")[(pixels.size - 1) // 2]]
     return circles

@@ -25,7 +25,6 @@ from grainfall.report.tables import (
     surface_values,
     sweep_table,
     verdict,
-    voxel_counts,
 )
 
 __all__ = [
@@ -53,7 +52,6 @@ __all__ = [
     "surface_values",
     "sweep_table",
     "verdict",
-    "voxel_counts",
 ]
 
 

@@ -439,7 +439,9 @@ def voxel_counts(
     return counts
 
 
-def phase_values(twin: np.ndarray, section_phase: np.ndarray, blocks: int = 4) -> dict[str, object]:
+def phase_values(
+    twin_phase: np.ndarray, section_phase: np.ndarray, blocks: int = 4, **shown
+) -> dict[str, object]:
     """Share of each mineral in the solid of the twin, with the section's share ± 2 standard errors as target.
 
     The standard error comes from ``blocks`` × ``blocks`` tiles of the section, whose spread holds the spatial
@@ -447,16 +449,18 @@ def phase_values(twin: np.ndarray, section_phase: np.ndarray, blocks: int = 4) -
 
     Parameters
     ----------
-    twin : (256,) ndarray of int
-        Voxels of each phase as a section shows them, rims as the mineral that they grew on
-        (:func:`voxel_counts`).
+    twin_phase : ndarray of uint8, (z, y, x)
+        An open volume file will do.
     section_phase : ndarray of uint8, (y, x)
     blocks : int
+    **shown
+        As :func:`voxel_counts` takes them: a section shows rims as the mineral that they grew on.
     """
     minerals = range(1, int(section_phase.max()) + 1)
     if len(minerals) < 2:
         return {}
     found: dict[str, object] = {}
+    twin = voxel_counts(twin_phase, **shown)
     tiles = [t for rows in np.array_split(section_phase, blocks, 0) for t in np.array_split(rows, blocks, 1)]
     counts = np.array([np.bincount(t.ravel(), minlength=256)[: minerals.stop] for t in tiles], float)
     solid = counts[:, 1:].sum(1)
