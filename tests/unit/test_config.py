@@ -345,6 +345,13 @@ def test_what_a_sweep_could_not_find_is_refused_at_once(schema, presets):
             config.resolve({**own, "accuracy_sweep": sweep}, schema, presets)
 
 
+def test_defaults_of_packing_parameters_are_documented(root, schema):
+    text = (root / "config/README.md").read_text()
+    found = dict(re.findall(r"^\| `packing\.overrides\.(\w+)` \|.*\| `(.*)` \|$", text, re.M))
+    known = schema["properties"]["packing"]["properties"]["overrides"]["properties"]
+    assert found == {name: str(getattr(Parameters(), name)) for name in known}
+
+
 def test_every_packing_parameter_can_be_set(schema):
     """Overrides are the fields of Parameters without a key of their own, and take what the schema lets."""
     known = schema["properties"]["packing"]["properties"]["overrides"]["properties"]
