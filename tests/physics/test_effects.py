@@ -8,6 +8,7 @@ import pytest
 import trimesh
 
 from grainfall import packing, volume
+from grainfall.errors import InputError
 
 SCENE = {
     "phases": ["pore", "quartz"],
@@ -38,6 +39,11 @@ def pack(library):
         return packing.pack(SCENE, SIZES, library, parameters, np.random.default_rng(seed), rest=rest)
 
     return pack_with
+
+
+def test_a_bed_that_does_not_cover_the_region_is_no_packing(pack):
+    with pytest.raises(InputError, match="the bed ends .* um high in a region of .* still moving"):
+        pack(packing.Parameters(max_idle_steps=10), rest=False)
 
 
 @pytest.fixture(scope="module")

@@ -408,6 +408,7 @@ def test_contact_points_are_kept_where_steps_are_not_much_shorter(smallest, kept
         {"gravity": float("nan")},
         {"hull_vertices": 4},
         {"sleep_steps": 0},
+        {"solver_iterations": 256},  # PhysX's counter wraps: it crashed, and 257 were one
         {"speling": 1},
     ],
 )
@@ -422,8 +423,28 @@ def test_wrong_boxes_and_supplies_are_refused(library):
     box = container(200.0, 100.0, 0.0)
     with pytest.raises(InputError, match="population"):
         deposit(supply(300, 8).iloc[:0], library, box, Parameters(), np.random.default_rng(0))
-    with pytest.raises(InputError, match="does not fit"):
+    with pytest.raises(InputError, match="a grain .* does not fit"):
         deposit(supply(300, 8, 150.0), library, box, Parameters(), np.random.default_rng(0))
+    wide = pd.concat([supply(9, 8), supply(1, 0, 150.0).assign(kind="virtual")], ignore_index=True)
+    with pytest.raises(InputError, match="scene.edge_um: a virtual sphere .* does not fit"):
+        deposit(wide, library, box, Parameters(), np.random.default_rng(0))
+
+
+def test_refinement_stays_within_what_physx_counts_to():
+    assert Parameters(solver_iterations=20).refined().solver_iterations == 40
+    assert Parameters(solver_iterations=200).refined().solver_iterations == 255
+
+
+def test_a_body_nearly_as_wide_as_the_margin_does_not_block_the_line():
+    """Around the region there was no room for its centre, and all that came after it waited."""
+    box = Box((200.0,) * 3, 100.00001)
+    zones = supply(60, 0, 50.0).assign(over_roi=np.arange(60) % 2 == 0)
+    zones.loc[1, "scale"] = 100.0
+    unit = zones["scale"].mean()  # so that the margin is next to nothing more than its radius
+    report = deposit(zones, None, box, Parameters(), np.random.default_rng(0), rest=False).attrs["report"]
+    assert unit == pytest.approx(50.83, abs=0.01)
+    assert report["notes"] == []
+    assert report["surface_um"] >= report["surface_needed_um"]
 
 
 def test_physx_loads_on_a_machine_without_x11():

@@ -383,6 +383,32 @@ def test_only_a_pour_that_meets_the_target_is_brought_to_rest():
     assert report["reason"].endswith(f", at rest {report['porosity']:.4f}")
 
 
+def test_a_packing_kept_that_is_not_the_nearest_is_told():
+    """Cement fills a bed that is too loose, so a denser one that is nearer is no better."""
+
+    class Slips(Bed):
+        def porosity(self, grains):
+            p, lubrication, taps = self.of(grains)
+            return 0.385 if lubrication < 1 or taps else 0.42
+
+    first = Slips(0.42)
+    bodies, report = first.second(deficit(0.42)[1], passes=2)
+    assert bodies is FIRST[0]
+    assert not report["reached"]
+    assert report["reason"].endswith("; kept one of 0.4200, since cement fills a bed that is too loose")
+
+
+def test_the_spheres_of_the_tail_count_as_one_of_the_passes():
+    class Dense(Bed):
+        def porosity(self, grains):
+            return 0.3
+
+    for passes in (1, 3):
+        bed = Dense(0.395)
+        report = bed.second(deficit(0.395, tail=VUGS)[1], passes=passes, densification="off")[1]
+        assert len(report["passes"]) == len(bed.poured) == passes
+
+
 def test_of_passes_that_miss_the_nearest_is_kept():
     """Too loose by spheres is no better than too dense: cement does not fill their pores."""
 

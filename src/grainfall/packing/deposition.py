@@ -204,12 +204,20 @@ RELEASE_FRACTION = 0.12
 TRIES, TRIES_AT_ONCE = 200, 20
 """Random places tried for one grain before it waits for the next batch."""
 
+LEAST_AROUND = 0.05
+"""Share of the floor around the ROI below which a grain is released anywhere: its random places would all be
+over the ROI, and it would block the line."""
+
 BOUNCY = 0.8
 """Coefficient of restitution up to which grains are waited for until they have bounced out: that takes
 (1 + e) / (1 - e) times as long as their fall, without bound."""
 
 FALLING = 1.0
 """Speed, engine units / s, above which a body still falls: that of a fall over a twentieth of a radius."""
+
+
+NAMES = {"grain": "grain", "virtual": "virtual sphere"}
+"""Kinds of bodies as messages call them."""
 
 
 class _Deposition:
@@ -234,11 +242,12 @@ class _Deposition:
         self.bound = self.radius * np.array([shapes[s].bound for s in self.shape])
         self.sides = in_units(box.sides_um, unit)
         if 2 * self.bound.max() >= self.sides.min():
+            widest = self.bound.argmax()
             raise InputError(
-                "population",
-                f"a grain {2 * self.bound.max() * unit:.4g} um wide does not fit a box of "
-                f"{self.sides.min() * unit:.4g} um",
-                "enlarge the region of interest",
+                "scene.edge_um",
+                f"a {NAMES[self.kind[widest]]} {2 * self.bound[widest] * unit:.4g} um wide does not fit a box "
+                f"of {self.sides.min() * unit:.4g} um",
+                "a larger region of interest, or margin around it",
             )
         self.unit = unit
         self.margin, self.height = in_units((box.margin_um, box.height_um), unit)
@@ -311,7 +320,7 @@ class _Deposition:
         bed.close()
         report.asleep = int(asleep.sum())
         bodies = bed.table(asleep)
-        self._describe(report, bodies)
+        self._describe(report, bodies, rest)
         bodies.attrs |= {"report": asdict(report), "forces": forces.to_dict("list")}
         return bodies
 
@@ -446,14 +455,15 @@ class _Deposition:
         r = self.bound[row]
         low = np.array([r, r, floor + r])
         room = np.array([*(self.sides - 2 * r), max(depth - 2 * r, 0.0)])
-        zoned = self.over is not None and self.margin > r
+        around = 1 - (self.roi / (self.sides - 2 * r)).prod()
+        zoned = self.over is not None and self.margin > r and around >= LEAST_AROUND
         if zoned and self.over[row]:
             low[:2], room[:2] = self.margin, self.roi
         for _ in range(TRIES // TRIES_AT_ONCE):
             tries = low + self.rng.random((TRIES_AT_ONCE, 3)) * room
             if zoned and not self.over[row]:
-                around = (tries[:, :2] < self.margin) | (tries[:, :2] > self.margin + self.roi)
-                tries = tries[around.any(axis=1)]
+                beside = (tries[:, :2] < self.margin) | (tries[:, :2] > self.margin + self.roi)
+                tries = tries[beside.any(axis=1)]
             square = ((tries[:, None] - places) ** 2).sum(axis=2)
             free = (square > (radii + r + self.parameters.contact_offset) ** 2).all(axis=1)
             if free.any():
@@ -504,14 +514,15 @@ class _Deposition:
 
     # --- the result -------------------------------------------------------------------------------
 
-    def _describe(self, report: Report, bodies: pd.DataFrame) -> None:
+    def _describe(self, report: Report, bodies: pd.DataFrame, rest: bool) -> None:
         bed = self.bed
         report.poured = len(bed)
         report.poured_grains = int((bed.kind == "grain").sum())
         report.supply_rounds = -(-self.next // len(self.kind))
         report.escaped = bed.escaped()
         report.steps = self.steps
-        bed.fixed[:] = True
+        # where pouring was given up, what still falls is no part of the bed
+        bed.fixed |= True if rest else self.speed <= FALLING
         self._survey()
         report.surface_um = self._surface() * self.unit - self.box.margin_um
         report.surface_needed_um = self.box.roi_um[2] + self.box.margin_um

@@ -175,6 +175,12 @@ class Parameters:
                 raise InputError(
                     f"packing.{name}", f"{getattr(self, name)!r} is too few", f"at least {least}"
                 )
+        if self.engine == "physx" and self.solver_iterations > MOST_ITERATIONS:
+            raise InputError(
+                "packing.solver_iterations",
+                f"{self.solver_iterations!r} is more than PhysX counts to",
+                f"at most {MOST_ITERATIONS}",
+            )
         if not 8 <= self.hull_vertices <= MOST_VERTICES:
             raise InputError(
                 "packing.hull_vertices", f"{self.hull_vertices!r} is out of range", f"8 to {MOST_VERTICES}"
@@ -189,8 +195,9 @@ class Parameters:
         )
 
     def refined(self) -> Parameters:
-        """These with half the time step and twice the solver iterations."""
-        return replace(self, dt=self.dt / 2, solver_iterations=2 * self.solver_iterations)
+        """These with half the time step and twice the solver iterations, or as many as PhysX takes."""
+        iterations = min(2 * self.solver_iterations, max(MOST_ITERATIONS, self.solver_iterations))
+        return replace(self, dt=self.dt / 2, solver_iterations=iterations)
 
     def suited(self, smallest: float, contrast: float = 1.0) -> Parameters:
         """The same packing in numbers that suit its grains.
@@ -252,6 +259,9 @@ class Parameters:
         chosen = {**NAMED[name], **overrides}
         return cls(**{**ENGINES.get(chosen.get("engine", cls.engine), {}), **chosen})
 
+
+MOST_ITERATIONS = 255
+"""PhysX keeps their number in eight bits: 256 are none, and crash, 257 are one."""
 
 GRAVITY = 9.8
 """Acceleration in the engine, engine units / s^2: under another, rigid grains do the same in another time."""

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from grainfall.errors import InputError
 from grainfall.grains import Library
 from grainfall.packing.densify import match_density
 from grainfall.packing.deposition import Box, deposit, solid_fraction
@@ -107,6 +108,11 @@ def pack(
     report : dict
         Content of packing.json, and ``forces``: a DataFrame of normal forces between bodies, a, b (ids) and
         force_n.
+
+    Raises
+    ------
+    InputError
+        When pouring ended before the bed covered the region of interest.
     """
     mixture = Mixture(
         {n: sizes[n, "grain"] for n in range(1, len(scene["phases"]))},
@@ -122,6 +128,13 @@ def pack(
 
     bodies = deposit(population, library, box, parameters, rng, progress, checkpoints, rest=rest)
     report = {**bodies.attrs.pop("report"), "p_sp": float(p_sphere)}
+    if report["surface_um"] < scene["edge_um"]:
+        raise InputError(
+            "packing",
+            f"the bed ends {report['surface_um']:.4g} um high in a region of {scene['edge_um']:.4g} um: "
+            + "; ".join(report["notes"]),
+            "more packing.overrides.max_idle_steps, or a faster sleep_speed",
+        )
     report["forces"] = pd.DataFrame(bodies.attrs.pop("forces"))
     return bodies, report
 
@@ -398,10 +411,12 @@ class _Trials:
 
     def best(self) -> Packing:
         """The packing kept, at rest."""
+        if any(abs(one["porosity"] - self.target) < abs(self.porosity - self.target) for one in self.passes):
+            self.words = f"; kept one of {self.porosity:.4f}, since cement fills a bed that is too loose"
         if not self.at_rest:
             self.packing, self.at_rest = self.rested(self.packing, self.kept[1], 0), True
             self.porosity = self._porosity(self.packing)
-            self.words = f", at rest {self.porosity:.4f}"
+            self.words += f", at rest {self.porosity:.4f}"
         return self.packing
 
 
@@ -458,10 +473,11 @@ def pack_again(
         p_sphere, loose = spheres["p_sp"], deficit["porosity_first"]
         if spheres["for_tail"]:
             loose = trials(p_sphere)
-        if loose < target - limit or not spheres["for_tail"]:
+        left = passes - len(trials.passes)
+        if left and (loose < target - limit or not spheres["for_tail"]):
             guess = 2 * p_sphere / (1 + p_sphere) if trials.passes else p_sphere  # twice the odds
             missed = match_porosity(
-                trials, float, target, guess, deficit["porosity_first"], limit, passes
+                trials, float, target, guess, deficit["porosity_first"], limit, left
             ).reason
             p_sphere, loose = trials.kept[0], trials.porosity
     else:
