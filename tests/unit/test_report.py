@@ -337,6 +337,7 @@ def test_page_says_every_metric_and_what_missed(page, tree):
     assert "porosity 0.371 misses 0.309: target not reachable by this plan, nearest 0.371" in text
     assert "nothing flows through the twin" in text
     assert "(realization 0; 2 of 2 miss)" in text
+    assert "(range)" in text
     assert "porosity 0.36 < 0.40" in text
     assert "s2_slices" in text
     assert "12.5 µm, so that a grain is of order 1" in text
@@ -697,6 +698,23 @@ def test_intervals_are_student_t():
     one = paired_differences(rows[rows["realization"] == 0], ["porosity"])
     assert one["differs"][0] is None
     assert np.isnan(one["lower"][0])
+
+
+def test_two_realizations_have_a_range_and_no_bound_is_impossible():
+    """Two permeabilities of 3315 and 4993 mD have a t-interval from -6504 to 14812."""
+    rows = pd.DataFrame(
+        {"sample": "s", "variant": ["two"] * 2 + ["three"] * 3, "engine": "physx",
+         "k_x_md": [3315.0, 4993.0, 100.0, 300.0, 900.0], "rattlers": [0.1, 0.2, 0.0, 0.9, 0.9]}
+    )  # fmt: skip
+    table = intervals(rows, ["k_x_md", "rattlers"]).set_index(["variant", "metric"])
+    assert table.loc[("two", "k_x_md"), ["lower", "upper"]].tolist() == [3315, 4993]
+    lower, upper = table.loc[("three", "k_x_md"), ["lower", "upper"]]
+    # 4.303 is the two-sided 95 % point of t with 2 degrees of freedom
+    assert [lower, upper] == pytest.approx(300 * np.exp(np.array([-1, 1]) * 4.302653 * np.log(3) / 3**0.5))
+    assert table.loc[("three", "rattlers"), ["lower", "upper"]].tolist() == [0, 1]
+    panel = figures.comparison_figure(rows, table.reset_index()).axes[0]
+    # ticks and a dot of each ensemble, and one interval
+    assert len(panel.lines) == 5
 
 
 def test_costs_add_up_over_jobs_and_parts(tree):

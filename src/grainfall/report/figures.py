@@ -721,7 +721,7 @@ def network_figure(
 
 @styled
 def comparison_figure(summary: pd.DataFrame, intervals: pd.DataFrame) -> Figure:
-    """Every ensemble's realizations, mean and 95 % t-interval, one panel a metric.
+    """Every ensemble's realizations, mean and, from three realizations on, 95 % interval; a panel a metric.
 
     Parameters
     ----------
@@ -747,9 +747,10 @@ def comparison_figure(summary: pd.DataFrame, intervals: pd.DataFrame) -> Figure:
                 & (intervals["engine"] == engine)
             ]
             if len(row):
-                mean, lower, upper = row[["mean", "lower", "upper"]].iloc[0]
-                error = None if np.isnan(lower) else [[mean - lower], [upper - mean]]
-                axes.errorbar(mean, y - 0.1, xerr=error, fmt="o", color=TWIN, ms=4.5, capsize=3, lw=1.4)
+                n, mean, lower, upper = row[["n", "mean", "lower", "upper"]].iloc[0]
+                axes.plot(mean, y - 0.1, "o", color=TWIN, ms=4.5)
+                if n > 2:
+                    axes.plot([lower, upper], [y - 0.1] * 2, "|-", color=TWIN, ms=6, mew=1.4, lw=1.4)
         goal = {"porosity": "porosity_target", "k_x_md": "k_ref_x_md", "k_y_md": "k_ref_y_md",
                 "k_z_md": "k_ref_z_md"}.get(name)  # fmt: skip
         if goal in summary and summary[goal].notna().any():
@@ -759,7 +760,8 @@ def comparison_figure(summary: pd.DataFrame, intervals: pd.DataFrame) -> Figure:
         axes.set_yticks(range(len(ensembles)), [f"{v} ({e})" for v, e in ensembles])
         axes.set_ylim(len(ensembles) - 0.5, -0.6)
         axes.margins(x=0.15)
-        axes.locator_params(axis="x", nbins=4)
+        axes.locator_params(axis="x", nbins=3)
+        axes.ticklabel_format(axis="x", useOffset=False)  # the offset would stand on the label
     for axes in grid.ravel()[len(metrics) :]:
         axes.set_axis_off()
     return figure

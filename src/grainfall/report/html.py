@@ -580,7 +580,7 @@ def _costs(r: Results, twins) -> pd.DataFrame:
 
 
 def _comparison(summary: pd.DataFrame | None) -> dict | None:
-    """Ensembles of one sample side by side, where there is more than one twin."""
+    """Means of one sample's ensembles, and their differences, where there is more than one twin."""
     if summary is None or len(summary) < 2:
         return None
     found = {}

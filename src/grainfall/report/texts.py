@@ -93,10 +93,10 @@ TEXTS = {
         "The twin is not there yet.",
     ),
     "ensembles": Text(
-        "Ensembles side by side",
+        "Realizations and their means",
         "Comparison",
-        "Ticks: single realizations. Dots: means with 95 % t-intervals over realizations. Dashed: target or "
-        "reference.",
+        "Ticks: single realizations. Dots: means, from three realizations on with 95 % intervals. Dashed: "
+        "target or reference.",
         "Realizations, means and intervals of every variant and engine, one panel a metric; the tables below "
         "have the numbers.",
         "One twin only: there is nothing to compare and no interval to give.",
