@@ -773,6 +773,10 @@ def test_the_sizes_show_a_band_only_where_there_is_one():
     assert "bootstrap band" in legend(sizes)
     assert "bootstrap band" not in legend(sizes.assign(lower=np.nan, upper=np.nan))
     assert "bootstrap band" not in legend(sizes.assign(lower=sizes.f3d, upper=sizes.f3d))
+    # it is that of the bins which it was found in, whatever the others are drawn on
+    panel = figures.sizes_figure(sizes, PHASES).axes[1]
+    bands = [p.get_data() for p in panel.patches if np.ndim(p.get_data().baseline)]
+    assert [band.edges.tolist() for band in bands] == [[*sizes.r_lo_um, sizes.r_hi_um.iloc[-1]]]
 
 
 # ---- the page in a browser
@@ -947,6 +951,31 @@ def test_growth_of_a_run_from_the_benchmark_files_of_its_jobs(root, tmp_path):
     assert 3600 * grown.loc["network", "cpu_h_2000"] == pytest.approx(2 + 1e-6 * 2000**3)
     assert 3600 * grown.loc["figure", "cpu_h_4000"] == pytest.approx(3)
     assert grown.loc["total", "memory_gb_2000"] == grown["memory_gb_2000"].iloc[:-1].max()
+
+
+def test_rebinned_histograms_keep_their_area_and_end_where_little_is_left():
+    edges = np.geomspace(1, 100, 40)
+    density = np.exp(-edges[:-1] / 5)
+    density /= density @ np.diff(edges)
+    last = figures.reach(edges, density)
+    wide, coarse = figures.rebinned(edges, density, last)
+    assert (len(coarse), wide[-1]) == (24, last)
+    assert 0.999 <= coarse @ np.diff(wide) < 1
+    assert last < 100
+
+
+def test_the_used_volume_is_that_of_the_difference_above_zero():
+    """Three bins of equal number: the widest radii are short by as much as the narrowest are in excess."""
+    table = pd.DataFrame({"r_lo_um": [0.0, 1, 2], "r_hi_um": [1.0, 2, 3], "target": [0.2, 0.3, 0.5]})
+    table = table.assign(first=[0.5, 0.3, 0.2], difference=[-0.3, 0, 0.3], used=[0, 0, 1.0])
+    outlines = [p for p in figures.virtual_figure(table, 0.1).axes[1].patches if not p.get_fill()]
+    (difference, edges, _), (used, _, _) = (outline.get_data() for outline in outlines)
+    assert used == pytest.approx(difference.clip(0))
+    # of all volume of the target: radii cubed over bins
+    share = 0.3 * (3**4 - 2**4) / (0.2 + 0.3 * (2**4 - 1) + 0.5 * (3**4 - 2**4))
+    assert used @ np.diff(edges) == pytest.approx(share)
+    nothing = figures.virtual_figure(table.assign(target=0.0, difference=0.0, used=0.0))
+    assert nothing.axes[1].texts[0].get_text() == "none called for"
 
 
 @pytest.mark.parametrize(("p_sp", "shown"), [(0.12, True), (0.0, False)])

@@ -277,7 +277,9 @@ def sizes_figure(
         top.set_title(name)
 
         # all on wider bins than the unfolding used, or noise is all one sees
-        wide, f2d = merged(edges, table["f2d"].to_numpy())
+        f2d, f3d, lower, upper = (table[c].to_numpy() for c in ("f2d", "f3d", "lower", "upper"))
+        last = reach(edges, f2d, f3d)
+        (wide, f2d), (_, f3d) = (rebinned(edges, density, last) for density in (f2d, f3d))
         top.stairs(f2d, wide, fill=True, color=to_rgba(colour, 0.45))
         top.stairs(f2d, wide, color=SECTION, lw=1.0, label="section, as seen")
         seen = twin_pores if pore else twin_grains
@@ -287,22 +289,22 @@ def sizes_figure(
                 seen = seen[seen["phase"] == phase]
             _density(top, seen["r_um"], seen["weight"], wide, TWIN, "-", "twin, slices")
 
-        f3d, lower, upper = (merged(edges, table[c].to_numpy())[1] for c in ("f3d", "lower", "upper"))
+        # but for the band: that of wider bins is not the mean of the narrow ones'
         if np.any(lower < upper):  # neither empty, nor as without a bootstrap
             bottom.stairs(
-                upper, wide, baseline=lower, fill=True, color=to_rgba(colour, 0.35), label="bootstrap band"
+                upper, edges, baseline=lower, fill=True, color=to_rgba(colour, 0.35), label="bootstrap band"
             )
         bottom.stairs(f3d, wide, color=SECTION, lw=1.4, label="section, unfolded")
+        highest = [f3d.max()]
         if truth is not None and not pore:
             of_phase = truth.loc[truth["phase"] == phase, "r_um"]
-            _density(bottom, of_phase, None, wide, TRUTH, (0, (4, 1.5)), "truth")
+            highest.append(_density(bottom, of_phase, None, wide, TRUTH, (0, (4, 1.5)), "truth"))
         if bodies is not None and not pore:
             of_phase = bodies[(bodies["kind"] == "grain") & (bodies["phase"] == phase)]
-            _density(bottom, of_phase["scale"], None, wide, TWIN, "-", "twin, bodies")
-        bottom.set_xlabel("radius (µm)")
-        for axes in (top, bottom):
-            axes.set_ylim(bottom=0)
-            axes.set_xlim(left=0)
+            highest.append(_density(bottom, of_phase["scale"], None, wide, TWIN, "-", "twin, bodies"))
+        top.set_ylim(bottom=0)
+        # where resamples gather many grains in one narrow bin, the band would leave the rest to be flat
+        bottom.set(xlabel="radius (µm)", xlim=(0, last), ylim=(0, 1.5 * max(highest)))
     rows[0, 0].set_ylabel("2D: density on slices (1/µm)")
     rows[1, 0].set_ylabel("3D: density (1/µm)")
     if hidden:
@@ -318,22 +320,30 @@ def sizes_figure(
     return figure
 
 
-def merged(edges: np.ndarray, density: np.ndarray, most: int = 24) -> tuple[np.ndarray, np.ndarray]:
-    """A histogram with neighbouring bins merged until at most ``most`` are left; its area stays."""
-    step = -(-len(density) // most)
-    kept = np.unique(np.append(np.arange(0, len(edges), step), len(edges) - 1))
-    mass = np.add.reduceat(density * np.diff(edges), kept[:-1])
-    return edges[kept], mass / np.diff(edges[kept])
+def reach(edges: np.ndarray, *densities: np.ndarray) -> float:
+    """Radius below which 99.9 % of each histogram lies: the last of a long tail would squeeze the rest."""
+    masses = [density * np.diff(edges) for density in densities]
+    return max(float(edges[1:][mass.cumsum() >= 0.999 * mass.sum()][0]) for mass in masses)
 
 
-def _density(axes, radii, weights, edges, colour, style, label) -> None:
-    """Number density per µm of a sample on given bins; what lies outside them counts in the norm."""
+def rebinned(edges: np.ndarray, density: np.ndarray, last: float) -> tuple[np.ndarray, np.ndarray]:
+    """A histogram on 24 bins up to ``last``, each of the area that it has there."""
+    wide = np.linspace(0, last, 25)
+    below = np.interp(wide, edges, np.append(0, np.cumsum(density * np.diff(edges))))
+    return wide, np.diff(below) / np.diff(wide)
+
+
+def _density(axes, radii, weights, edges, colour, style, label) -> float:
+    """Number density per µm of a sample on given bins, and its highest; what lies outside them counts in the
+    norm."""
     radii = np.asarray(radii, float)
     if len(radii) == 0:
-        return
+        return 0.0
     weights = np.ones(len(radii)) if weights is None else np.asarray(weights, float)
     counts, _ = np.histogram(radii, edges, weights=weights)
-    axes.stairs(counts / weights.sum() / np.diff(edges), edges, color=colour, ls=style, lw=1.5, label=label)
+    density = counts / weights.sum() / np.diff(edges)
+    axes.stairs(density, edges, color=colour, ls=style, lw=1.5, label=label)
+    return density.max()
 
 
 # ---- grains
@@ -565,31 +575,36 @@ def virtual_figure(table: pd.DataFrame, p_sp: float | None = None) -> Figure:
         Share of virtual spheres among the bodies poured; of 0, sizes that were left over were not used.
     """
     fine = np.append(table["r_lo_um"].to_numpy(), table["r_hi_um"].iloc[-1])
-    # the common bins of two unfoldings are so many that their outlines hide what they hold
-    drawn = {}
-    for name in ("first", "target", "difference", "used"):
-        edges, drawn[name] = merged(fine, table[name].fillna(0).to_numpy(), 60)
+    volumes = table[["first", "target", "difference", "used"]].fillna(0)
+    # the table has the used part of the difference as a distribution of its own
+    volumes["used"] = volumes["difference"].where(volumes["used"] > 0, 0)
+    # by volume: the many small circles hold little of the pore
+    cubes = np.diff(fine**4) / 4
+    whole = volumes["target"] @ cubes or 1.0  # a section without pore circles has none
+    volumes = volumes.mul(cubes / np.diff(fine) / whole, axis=0).to_numpy().T
+    last = reach(fine, *volumes[:2])
+    first, target, difference, used = (rebinned(fine, density, last)[1] for density in volumes)
+    edges = np.linspace(0, last, len(first) + 1)
     figure = Figure(figsize=(WIDTH, 3.1))
     left, right = figure.subplots(1, 2, sharex=True)
-    left.stairs(drawn["first"], edges, fill=True, color=to_rgba(FIRST, 0.5))
-    left.stairs(drawn["first"], edges, color="#1F6A99", ls=(0, (4, 1.5)), label="first packing")
-    left.stairs(drawn["target"], edges, color=SECTION, label="target: the section")
+    left.stairs(first, edges, fill=True, color=to_rgba(FIRST, 0.5))
+    left.stairs(first, edges, color="#1F6A99", ls=(0, (4, 1.5)), label="first packing")
+    left.stairs(target, edges, color=SECTION, label="target: the section")
     left.set_title("Pore circles, unfolded")
     left.set_ylim(bottom=0)
-    left.set_ylabel("density (1/µm)")
+    left.set_ylabel("volume, of the target's (1/µm)")
     right.axhline(0, color="black", lw=0.6)
-    right.stairs(
-        drawn["difference"], edges, color=SECTION, ls=(0, (1, 1.2)), lw=1.3, label="target − first packing"
-    )
+    right.stairs(difference, edges, color=SECTION, ls=(0, (1, 1.2)), lw=1.3, label="target − first packing")
     right.set_title("Virtual spheres")
-    if drawn["used"].any() and p_sp != 0:
-        right.stairs(drawn["used"], edges, fill=True, color=VIRTUAL, zorder=0)
+    right.set_ylabel("volume, of the target's (1/µm)")
+    if used.any() and p_sp != 0:
+        right.stairs(used, edges, fill=True, color=VIRTUAL, zorder=0)
         share = "" if p_sp is None else f", {100 * p_sp:.3g} % of the bodies"
-        right.stairs(drawn["used"], edges, color="#6B6300", lw=1.2, label=f"used{share}", zorder=0.5)
+        right.stairs(used, edges, color="#6B6300", lw=1.2, label=f"used{share}", zorder=0.5)
     else:
         right.text(0.5, 0.9, "none called for", ha="center", transform=right.transAxes, style="italic")
     for axes in (left, right):
-        axes.set_xlabel("radius (µm)")
+        axes.set(xlabel="radius (µm)", xlim=(0, last))
     figure.legend(loc="outside lower center", ncols=4)
     return figure
 

@@ -206,8 +206,10 @@ def pipeline(cases: Cases) -> Figure | None:
     sizes = r.table("sample:sizes.csv")
     table = sizes[(sizes["kind"] == "grain") & (sizes["phase"] == 1)]
     edges = np.append(table["r_lo_um"], table["r_hi_um"].iloc[-1])
-    wide, f2d = figures.merged(edges, table["f2d"].to_numpy())
-    _, f3d = figures.merged(edges, table["f3d"].to_numpy())
+    f2d, f3d = table["f2d"].to_numpy(), table["f3d"].to_numpy()
+    last = figures.reach(edges, f2d, f3d)
+    wide, f2d = figures.rebinned(edges, f2d, last)
+    _, f3d = figures.rebinned(edges, f3d, last)
     panels[2].stairs(f2d, wide, fill=True, color=to_rgba(MINERALS[0], 0.4), label="2D")
     panels[2].stairs(f3d, wide, color="black", label="3D")
     panels[2].set(yticks=[], xlabel="radius (µm)")
@@ -283,7 +285,8 @@ def sizes2d(cases: Cases) -> Figure | None:
         pore = kind == "pore"
         colour = PORE_CIRCLE if pore else MINERALS[int(phase) - 1]
         edges = np.append(table["r_lo_um"], table["r_hi_um"].iloc[-1])
-        wide, f2d = figures.merged(edges, table["f2d"].to_numpy())
+        f2d = table["f2d"].to_numpy()
+        wide, f2d = figures.rebinned(edges, f2d, figures.reach(edges, f2d))
         name = "pore circles" if pore else r.phases[int(phase)]
         axes.stairs(
             f2d, wide, fill=True, facecolor=to_rgba(colour, 0.3), edgecolor=colour, lw=1.2,
@@ -903,8 +906,8 @@ FIGURES: dict[str, Drawn] = {
     "virtual_sizes": Drawn(
         virtual_sizes,
         "Distributions of virtual spheres",
-        "Pore circles of section and first packing, unfolded; their difference, and the sizes that "
-        "the virtual spheres got.",
+        "Pore circles of section and first packing, unfolded, by volume of equally many; their difference, "
+        "and its part above zero, bin by bin of the unfolding: the sizes that the virtual spheres got.",
     ),
     "sample1_full": Drawn(
         sample1_full,

@@ -27,9 +27,11 @@ TEXTS = {
     "sizes": Text(
         "Sizes in 2D and in 3D",
         "Sizes",
-        "Above: radii seen on the section, and on slices of the twin. Below: radii unfolded to 3D with the "
-        "bootstrap band where one was asked for, the twin's own grains, and the truth where it is known. "
-        "Number densities; every histogram integrates to 1.",
+        "Above: radii seen on the section, and on slices of the twin. Below: radii unfolded to 3D, the "
+        "twin's own grains, and the truth where it is known. Number densities of all radii; the axis ends "
+        "where 99.9 % of the section's are shown. With a bootstrap, the band holds 95 % of its "
+        "resamples in each of the unfolding's own bins, which are narrower than those drawn: where single "
+        "ones vary much it runs out of the picture.",
         "Histograms of grain radii by mineral and of pore-circle radii, on slices above and in 3D below.",
         "No sizes have been unfolded yet.",
     ),
@@ -61,8 +63,11 @@ TEXTS = {
     "virtual": Text(
         "Virtual spheres",
         "Packing",
-        "Left: pore-circle radii unfolded to 3D, of the section and of the first packing. Right: their "
-        "difference, and the part of it that was used as sizes of virtual spheres.",
+        "Left: pore-circle radii unfolded to 3D, of the section and of the first packing, by the volume that "
+        "equally many spheres of either have, over that of the section's. Right: their difference, and the "
+        "part of it above zero in the unfolding's own, narrower bins: the sizes that virtual spheres got, "
+        "but for those that hold nothing open or do not fit. The axis ends where 99.9 % of either volume "
+        "are shown.",
         "Histograms of pore-circle radii: target and first packing, their difference, and the sizes used.",
         "No virtual spheres were called for: the first packing is porous enough.",
     ),
