@@ -761,7 +761,7 @@ def test_many_minerals_stay_readable():
     assert len(figure.axes) == 2 * figures.MOST_PANELS
     assert figure.axes[figures.MOST_PANELS - 1].get_title(loc="left") == "pore circles"
     block = figures.block_figure(rng.integers(0, 41, (6, 6, 6)).astype(np.uint8), 1.0, names)
-    assert block.legends[0].get_texts()[-1].get_text() == "and 31 more"
+    assert block.legends[0].get_texts()[-2].get_text() == "and 31 more"
 
 
 def test_the_sizes_show_a_band_only_where_there_is_one():
@@ -951,6 +951,22 @@ def test_growth_of_a_run_from_the_benchmark_files_of_its_jobs(root, tmp_path):
     assert 3600 * grown.loc["network", "cpu_h_2000"] == pytest.approx(2 + 1e-6 * 2000**3)
     assert 3600 * grown.loc["figure", "cpu_h_4000"] == pytest.approx(3)
     assert grown.loc["total", "memory_gb_2000"] == grown["memory_gb_2000"].iloc[:-1].max()
+
+
+def test_cement_has_one_colour_whatever_its_number():
+    seen = set()
+    for phases in (["pore", "quartz", "cement"], ["pore", "quartz", "feldspar", "cement"]):
+        cement = phases.index("cement")
+        volume = np.zeros((9, 9, 9), np.uint8)
+        volume[2:7, 2:7, 2:7] = cement
+        view = view3d.view_data(volume, 1.0, phases)
+        seen |= {
+            figures.to_rgb(view["traces"][0]["color"]),
+            figures.to_rgb(figures.mineral_handles(phases)[cement - 1].get_facecolor()),
+            tuple(figures.phase_colours(volume, phases)[4, 4, 4]),
+        }
+    assert seen == {figures.to_rgb(figures.CEMENT)}
+    assert figures.CEMENT not in figures.MINERALS
 
 
 def test_rebinned_histograms_keep_their_area_and_end_where_little_is_left():

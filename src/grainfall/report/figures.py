@@ -27,7 +27,8 @@ from grainfall.io import atomic_path
 from grainfall.report.tables import METRICS, number
 
 PORE = "#FFFFFF"
-MINERALS = ("#0072B2", "#E69F00", "#7A7A7A", "#B9B9B9", "#4D4D4D", "#A9744F")
+MINERALS = ("#0072B2", "#E69F00", "#7A7A7A", "#B9B9B9", "#4D4D4D")
+CEMENT = "#A9744F"
 SECTION = "#000000"
 TRUTH = "#009E73"
 TWIN = "#D55E00"
@@ -112,25 +113,30 @@ def note_figure(text: str) -> Figure:
 # ---- the section
 
 
-def phase_colours(phase: np.ndarray) -> np.ndarray:
+def mineral_colour(phase: int, phases: Sequence[str] = ()) -> str:
+    """Colour of a mineral by its number; cement has one of its own, by its name."""
+    if phase < len(phases) and phases[phase] == "cement":
+        return CEMENT
+    return MINERALS[(phase - 1) % len(MINERALS)]
+
+
+def phase_colours(phase: np.ndarray, phases: Sequence[str] = ()) -> np.ndarray:
     """Colours (…, 3) of a phase image: pores white, minerals in their colours, virtual spheres yellow."""
-    table = np.ones((256, 3))
-    table[0] = to_rgb(PORE)
-    table[1:] = [to_rgb(MINERALS[i % len(MINERALS)]) for i in range(255)]
-    table[VIRTUAL_LABEL] = to_rgb(VIRTUAL)
-    return table[phase]
+    minerals = [mineral_colour(i, phases) for i in range(1, VIRTUAL_LABEL)]
+    return np.array([to_rgb(colour) for colour in (PORE, *minerals, VIRTUAL)])[phase]
 
 
 def mineral_handles(phases: Sequence[str], most: int = 9) -> list[Patch]:
     """Legend entries of the minerals, the first ``most`` of them."""
     handles = [
-        Patch(facecolor=MINERALS[i % len(MINERALS)], edgecolor="black", lw=0.5, label=name)
-        for i, name in enumerate(phases[1:])
+        Patch(facecolor=mineral_colour(i, phases), edgecolor="black", lw=0.5, label=name)
+        for i, name in enumerate(phases[1:], start=1)
     ]
     rest = len(handles) - most
     return handles if rest <= 0 else [*handles[:most], Patch(alpha=0, label=f"and {rest} more")]
 
 
+PORE_HANDLE = Patch(facecolor=PORE, edgecolor="black", lw=0.5, label="pore")
 MOST_PIXELS = 2000
 """Pixels along an edge of an image that is drawn: more would not be seen, and cost memory."""
 
@@ -169,7 +175,7 @@ def section_figure(
     if grey is not None:
         left.imshow(grey[::step, ::step], cmap="gray", extent=(0, columns, rows, 0))
     else:
-        left.imshow(phase_colours(phase[::step, ::step]), extent=(0, columns, rows, 0))
+        left.imshow(phase_colours(phase[::step, ::step], phases), extent=(0, columns, rows, 0))
     left.set(title="The section", xlim=(0, width), ylim=(height, 0))
 
     handles = mineral_handles(phases)
@@ -181,7 +187,7 @@ def section_figure(
     x0, y0 = (width - window_w) / 2, (height - window_h) / 2
     window = np.array([[y0, x0], [y0 + window_h, x0 + window_w]]) / pixel_size_um
     (top, first), (bottom, last) = np.stack([np.floor(window[0]), np.ceil(window[1])]).astype(int)
-    colours = phase_colours(phase[top:bottom, first:last])
+    colours = phase_colours(phase[top:bottom, first:last], phases)
     extent = np.array([first, first + colours.shape[1], top + colours.shape[0], top]) * pixel_size_um
     right.imshow(0.45 * colours + 0.55, extent=extent)
     right.set(xlim=(x0, x0 + window_w), ylim=(y0 + window_h, y0), title="Grains and inscribed pore circles")
@@ -270,7 +276,7 @@ def sizes_figure(
     for column, ((kind, phase), table) in enumerate(groups):
         phase = int(phase)
         pore = kind == "pore"
-        colour = PORE_CIRCLE if pore else MINERALS[(phase - 1) % len(MINERALS)]
+        colour = PORE_CIRCLE if pore else mineral_colour(phase, phases)
         edges = np.append(table["r_lo_um"].to_numpy(), table["r_hi_um"].iloc[-1])
         top, bottom = rows[0, column], rows[1, column]
         name = "pore circles" if pore else (phases[phase] if phase < len(phases) else f"mineral {phase}")
@@ -365,7 +371,7 @@ def gallery_figure(grains: Sequence[Mapping], phases: Sequence[str] = ()) -> Fig
     grid = figure.add_gridspec(rows, 4 * per_row, width_ratios=[1.5, 1, 1, 1] * per_row)
     for k, grain in enumerate(grains):
         row, first = k // per_row, 4 * (k % per_row)
-        colour = MINERALS[(int(grain["phase"]) - 1) % len(MINERALS)]
+        colour = mineral_colour(int(grain["phase"]), phases)
         axes = figure.add_subplot(grid[row, first], projection="3d")
         draw_mesh(axes, grain["vertices"], grain["faces"], colour)
         if grain.get("words"):
@@ -444,7 +450,7 @@ def packings_figure(
     ):
         image = volume[:, volume.shape[1] // 2, :]
         height, width = (n * voxel_size_um for n in image.shape)
-        axes.imshow(phase_colours(image), origin="lower", extent=(0, width, 0, height))
+        axes.imshow(phase_colours(image, phases), origin="lower", extent=(0, width, 0, height))
         if (image == VIRTUAL_LABEL).any():
             spheres = True
             # an outline besides the colour: yellow on white vanishes in greyscale
@@ -458,15 +464,14 @@ def packings_figure(
         axes.spines[:].set_visible(True)
         if axes.get_subplotspec().is_first_col():
             axes.set_ylabel("z, up (µm)")
-    handles = mineral_handles(phases)
-    handles.append(Patch(facecolor=PORE, edgecolor="black", lw=0.5, label="pore"))
+    handles = [*mineral_handles(phases), PORE_HANDLE]
     if spheres:
         handles.append(Patch(facecolor=VIRTUAL, edgecolor="black", lw=0.8, label="virtual sphere"))
     figure.legend(handles=handles, loc="outside lower center", ncols=6)
     return figure
 
 
-def draw_block(axes, phase: np.ndarray) -> None:
+def draw_block(axes, phase: np.ndarray, phases: Sequence[str] = ()) -> None:
     """A volume (z, y, x) in isometric view in an axes: its top and two of its sides, no frame."""
     nz, ny, nx = phase.shape
     cos, sin = np.cos(np.pi / 6), 0.5
@@ -480,7 +485,7 @@ def draw_block(axes, phase: np.ndarray) -> None:
     for image, across, up, corner, shade, (columns, rows) in faces:
         affine = Affine2D(np.array([[across[0], up[0], corner[0]], [across[1], up[1], corner[1]], [0, 0, 1]]))
         shown = axes.imshow(
-            phase_colours(image) * shade,
+            phase_colours(image, phases) * shade,
             origin="lower",
             extent=(0, columns, 0, rows),
             interpolation="nearest",
@@ -504,11 +509,10 @@ def block_figure(phase: np.ndarray, voxel_size_um: float, phases: Sequence[str] 
     nz, ny, nx = phase.shape
     figure = Figure(figsize=(4.6, 4.9))
     axes = figure.add_subplot()
-    draw_block(axes, phase)
+    draw_block(axes, phase, phases)
     size = " × ".join(number(n * voxel_size_um) for n in (nx, ny, nz))
     axes.set_title(f"{size} µm (x × y × z)", fontsize=9, fontweight="normal", loc="center")
-    handles = mineral_handles(phases)
-    figure.legend(handles=handles, loc="outside lower center", ncols=4)
+    figure.legend(handles=[*mineral_handles(phases), PORE_HANDLE], loc="outside lower center", ncols=4)
     return figure
 
 
