@@ -150,7 +150,8 @@ def make_sample(root: Path, name="demo", variants=("full", "bullet"), realizatio
                           "mean": curve}),
         )  # fmt: skip
         io.write_json(sample / variant / "s2_envelope.json", {"p": 0.23, "n_slices": 199})
-        io.write_json(sample / variant / "scene.json", {"edge_um": 80.0, "mean_diameter_um": 25.0})
+        scene = {"edge_um": 80.0, "mean_diameter_um": 25.0, "voxel_size_um": PIXEL}
+        io.write_json(sample / variant / "scene.json", scene)
         for realization in range(realizations):
             twin = sample / variant / str(realization)
             body, volume = balls((40, 44, 48), 40, rng, (5, 8))
@@ -336,7 +337,8 @@ def test_page_says_every_metric_and_what_missed(page, tree):
             assert name in text
     assert "porosity 0.371 misses 0.309: target not reachable by this plan, nearest 0.371" in text
     assert "nothing flows through the twin" in text
-    assert "(realization 0; 2 of 2 miss)" in text
+    assert "(missed by 2 of 2; figures of realization 0)" in text
+    assert "full changes nothing" in text
     assert "(range)" in text
     assert "porosity 0.36 < 0.40" in text
     assert "s2_slices" in text
@@ -433,6 +435,9 @@ def test_page_degrades(tmp_path, gone):
     parsed = Page((root / "report.html").read_text(encoding="utf-8"))
     for said in gone.values():
         assert said in parsed.text
+    anchors = {v for t, k, v in parsed.attributes if (t, k) == ("a", "href")}
+    for key, files in (("virtual", "*/*/virtual_spheres.*"), ("forces", "*/*/contacts.csv")):
+        assert (f"#sample-0-{key}" in anchors) == (files not in gone)
     assert "One twin only" in parsed.text
     assert not parsed.faults
 
@@ -660,7 +665,11 @@ def test_judgements_in_plain_words():
     assert words({"coordination": None})["coordination"][0] == "not computed"
     assert words({"coordination": 4.4})["coordination"][0] == "reported"
     assert words({"s2_envelope_p": 0.04})["s2_envelope_p"][0] == "missed"
-    assert words({"max_overlap": 0.021})["max_overlap"][0] == "missed"
+    assert words({"max_overlap": 0.0908})["max_overlap"] == (
+        "missed",
+        "largest overlap of the true shapes: 0.0908 of the smaller radius, above 0.02",
+    )
+    assert words({"asleep": 0.98})["asleep"][1] == "share of bodies at rest: 0.98, below 1"
 
 
 def test_verdict_counts_only_what_has_a_target():
@@ -967,6 +976,24 @@ def test_cement_has_one_colour_whatever_its_number():
         }
     assert seen == {figures.to_rgb(figures.CEMENT)}
     assert figures.CEMENT not in figures.MINERALS
+
+
+def test_no_bin_of_a_network_is_narrower_than_its_voxels():
+    sizes = {k: np.linspace(1, 12, 50) for k in ("pore_radius_um", "pore_volume_um3", "throat_radius_um")}
+    figure = figures.network_figure({**sizes, "coordination": np.arange(50)}, None, 2.0)
+    for axes in figure.axes[:2]:
+        assert np.diff(axes.patches[0].get_data().edges) == pytest.approx(2)
+
+
+def test_the_share_of_forces_beyond_the_axis_is_said():
+    """One contact of twenty carries ten times the mean, and more than half of all force."""
+    force = np.r_[np.full(19, 9 / 19), 10.0]
+    bodies = pd.DataFrame({"id": range(21), "x": 5.0, "z": 5.0})
+    contacts = pd.DataFrame({"grain_a": range(20), "grain_b": range(1, 21), "force_n": force})
+    right = figures.forces_figure(contacts.assign(x=5.0, y=5.0, z=5.0), bodies, 10.0, 2.0).axes[1]
+    assert right.texts[0].get_text() == "5 % beyond"
+    values, edges, _ = right.patches[0].get_data()
+    assert values @ np.diff(edges) == pytest.approx(0.95)
 
 
 def test_rebinned_histograms_keep_their_area_and_end_where_little_is_left():

@@ -388,6 +388,7 @@ def gallery_figure(grains: Sequence[Mapping], phases: Sequence[str] = ()) -> Fig
             axes.spines[:].set_color("#BBBBBB")
             if row == 0:
                 axes.set_title(plane, fontsize=8, fontweight="normal", loc="center")
+    figure.legend(handles=mineral_handles(phases), loc="outside lower center", ncols=6)
     return figure
 
 
@@ -516,6 +517,10 @@ def block_figure(phase: np.ndarray, voxel_size_um: float, phases: Sequence[str] 
     return figure
 
 
+MOST_FORCE = 6
+"""Forces that are shown, in their mean: beyond are few, over a long way."""
+
+
 @styled
 def forces_figure(
     contacts: pd.DataFrame, bodies: pd.DataFrame, edge_um: float, grain_um: float
@@ -556,14 +561,17 @@ def forces_figure(
     every = contacts["force_n"].to_numpy(float)
     every = every[every > 0]
     if len(every):
-        density, edges = np.histogram(every / every.mean(), np.linspace(0, 6, 31), density=True)
+        edges = np.linspace(0, MOST_FORCE, 31)
+        density = np.histogram(every / every.mean(), edges)[0] / len(every) / np.diff(edges)
         right.stairs(density, edges, fill=True, color=to_rgba(TWIN, 0.35))
         right.stairs(density, edges, color=TWIN)
         right.set_yscale("log")
         right.yaxis.set_major_formatter("{x:g}")
         force = EngFormatter("N", places=1)(every.mean())
-        right.set_title(f"{number(len(every))} contacts, mean {force}")
-    right.set(xlabel="normal force over its mean", ylabel="density")
+        right.set_title(f"{number(len(every))} contacts with margin,\nmean {force}")
+        beyond = (every > MOST_FORCE * every.mean()).mean()
+        right.text(1, 1, f"{100 * beyond:.2g} % beyond", ha="right", va="top", transform=right.transAxes)
+    right.set(xlabel="normal force over its mean", ylabel="density", xlim=(0, MOST_FORCE))
     return figure
 
 
@@ -686,7 +694,9 @@ def s2_figure(
 
 @styled
 def network_figure(
-    sizes: Mapping[str, np.ndarray], reference: Mapping[str, np.ndarray] | None = None
+    sizes: Mapping[str, np.ndarray],
+    reference: Mapping[str, np.ndarray] | None = None,
+    voxel_um: float = 0.0,
 ) -> Figure:
     """Size distributions of the pore network: twin against reference.
 
@@ -694,11 +704,13 @@ def network_figure(
     ----------
     sizes, reference : mapping
         As :func:`grainfall.network.element_sizes` gives them.
+    voxel_um : float
+        Edge of the network's voxels: radii tell no narrower bins apart.
     """
     figure = Figure(figsize=(WIDTH, 2.9))
     samples = {"twin": sizes} if reference is None else {"twin": sizes, "reference": reference}
     panels = (
-        ("pore_radius_um", "Pores", "radius (µm)", "pore volume (1/µm)"),
+        ("pore_radius_um", "Pores", "radius (µm)", "pore-volume density (1/µm)"),
         ("throat_radius_um", "Throats", "radius (µm)", "density (1/µm)"),
         ("coordination", "Coordination", "throats per pore", "share of pores"),
     )
@@ -715,7 +727,8 @@ def network_figure(
             step = np.ceil((last + 1) / 25)
             edges = np.arange(-0.5, last + 0.5 + step, step)
         else:
-            edges = np.linspace(0, last, 25)
+            step = max(last / 24, voxel_um)
+            edges = np.arange(np.ceil(last / step) + 1) * step
         width = 1 if kind == "coordination" else np.diff(edges)
         for name, sample in values.items():
             weight = samples[name]["pore_volume_um3"] if kind == "pore_radius_um" else np.ones(len(sample))

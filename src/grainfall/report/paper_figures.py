@@ -817,6 +817,8 @@ def cv_sweep(cases: Cases) -> Figure | None:
     truth = table[table["variant"] == "truth"].set_index(["cv", "truth"])
     figure = Figure(figsize=(WIDTH, 2.7))
     panels = figure.subplots(1, 4)
+    for axes in panels[2:]:
+        axes.sharey(panels[1])
     names = (("r_um", "mean radius over the truth's"), ("k_md", "K over the truth's"),
              ("k_over_r2", "K/R² over the truth's"),
              ("k_over_rs2", "K/R₃₂² over the truth's"))  # fmt: skip
@@ -877,10 +879,15 @@ def permeability(cases: Cases) -> Figure | None:
                       label="ours, 95 % interval" if y == 0 else None)  # fmt: skip
         if not np.isnan(row["paper"]):
             axes.plot(row["paper"], y, "D", color=SECTION, mfc="none", ms=6)
-    axes.plot([], [], "D", color=SECTION, mfc="none", ms=6, label="paper, one realization")
+    if rows["paper"].notna().any():
+        axes.plot([], [], "D", color=SECTION, mfc="none", ms=6, label="paper, one realization")
     axes.axvline(1, color=TRUTH, ls=DASHED, lw=1.6, label="truth")
-    axes.axvspan(0.9, 1.1, color=to_rgba(TRUTH, 0.12), lw=0)
-    names = [f"{r.case}, {r.variant} ({r.n} of {r.sections})".replace("_", " ") for r in rows.itertuples()]
+    axes.axvspan(0.9, 1.1, color=to_rgba(TRUTH, 0.12), lw=0, label="within 10 %")
+    names = [
+        f"{r.case}, {r.variant}\n{r.n} twin{'s'[: r.n > 1]}, {r.sections} section{'s'[: r.sections > 1]}"
+        for r in rows.itertuples()
+    ]
+    names = [name.replace("_", " ") for name in names]
     axes.set(yticks=range(len(rows)), yticklabels=names, xlabel=describe("k_ratio").label, xlim=(0, None))
     axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.legend(loc="best", fontsize=7)
@@ -901,8 +908,8 @@ FIGURES: dict[str, Drawn] = {
         permeability,
         "-",
         "Permeability over the truth's by the same method, of every case and variant. Dots: our "
-        "ensembles (so many twins of so many sections) with 95 % intervals; open diamonds: the paper's "
-        "single figures; the band is 10 %.",
+        "ensembles (so many twins of so many sections) with 95 % intervals; open diamonds, where there are "
+        "any: the paper's single figures; the band is 10 % to either side.",
     ),
     "motivation": Drawn(
         motivation,

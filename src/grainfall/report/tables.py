@@ -95,7 +95,8 @@ METRICS: dict[str, Metric] = {
     "w1_solidity": Metric("grain solidity, distance to the section", source="grains2d.csv"),
     "s2_inside_envelope": Metric("lags where the section's S₂ lies inside the cloud of slices",
                                  source="s2_envelope.json", low=0.95),
-    "s2_envelope_p": Metric("envelope test of the section's S₂, p", source="s2_envelope.json", low=0.05),
+    "s2_envelope_p": Metric("p of the envelope test of the section's S₂", source="s2_envelope.json",
+                            low=0.05),
     "max_overlap": Metric("largest overlap of the true shapes, of the smaller radius",
                           source="contacts.csv", high=0.02),
     "coordination": Metric("contacts per grain, without rattlers", "contacts", "contacts.csv"),
@@ -654,7 +655,9 @@ def _verdict(name: str, known: Metric, value: float | None, rows: Mapping) -> tu
         return wanted, f"{known.label} {shown} misses {number(aim)}: beyond two standard errors", "missed"
     below = low is not None and value < low
     bound = f"below {number(low)}" if below else f"above {number(high)}"
-    return wanted, f"{known.label} {shown} misses: {bound}", "missed"
+    # a label may end in what the figure is a share of, or counted in
+    what, comma, of = known.label.rpartition(", ")
+    return wanted, f"{what}: {shown} {of}, {bound}" if comma else f"{of}: {shown}, {bound}", "missed"
 
 
 def _wanted(name: str, aim: float | None, low: float | None, high: float | None) -> str:

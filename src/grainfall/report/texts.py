@@ -39,7 +39,9 @@ TEXTS = {
         "Grains and their masks",
         "Grains",
         "Some of the 3D grains, each beside the three grain sections it was made from, as measured. They "
-        "become its central sections, xy lying, xz and yz standing, once turned and stretched to meet.",
+        "become its central sections, xy lying, xz and yz standing, once turned and stretched to meet. All "
+        "are drawn to fill their boxes, whatever their size: r is the radius of the disc that has the area "
+        "of the grain section that chose the size.",
         "A gallery of shaded 3D grains, each with three outlines of measured grain sections.",
         "The grain library is not there yet.",
     ),
@@ -54,9 +56,11 @@ TEXTS = {
     "forces": Text(
         "What carries the grains",
         "Packing",
-        "Contacts between grains in a slab two mean grains thick through the middle of the twin, seen from "
-        "the side: lines join two centres, as thick as the force between them in the second packing. "
-        "Contacts that carry nothing are thin grey lines.",
+        "Left: contacts between grains in a slab two mean grains thick through the middle of the twin, seen "
+        "from the side: lines join two centres, as thick as the force between them in the second packing. "
+        "Contacts that carry nothing are thin grey lines. Right: the forces of all contacts that carry, "
+        "those of the margin around the twin among them, up to six times their mean; the share of larger "
+        "ones stands in the corner.",
         "A network of lines between grain centres, thicker where the contact force is larger.",
         "The contacts have not been found yet.",
     ),
