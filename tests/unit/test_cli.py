@@ -63,7 +63,14 @@ def test_new_writes_a_study_that_a_run_accepts(capsys, picture, tmp_path):
     assert (folder / "my section.png").read_bytes() == picture.read_bytes()
     text = (folder / "config.yaml").read_text()
     unwrapped = " ".join(line.removeprefix("# ") for line in text.splitlines())
-    assert all(line in unwrapped for line in said.splitlines()[:-1])
+    first, *lines, _ = said.splitlines()
+    assert first.startswith(f"Reading {picture}")
+    assert all(line.strip() in unwrapped for line in lines)
+    assert max(map(len, lines)) <= 80
+    # the time and its bounds are the fit's and its factor's
+    cost = look.look(picture, 1.5).cost
+    times = [look.duration(cost.cpu_s * f) for f in (1, 1 / cost.factor, cost.factor)]
+    assert "about {} of one core ({} to {})".format(*times) in " ".join(said.split())
     # 64 whole discs of one size: the section's mean radius is that of a disc
     assert "64 grains, 64 of them whole" in said
     assert float(re.search(r"radius ([0-9.]+) um", said).group(1)) == pytest.approx(9 * 1.5, rel=0.03)
@@ -136,13 +143,17 @@ def test_a_name_that_snakemake_cannot_take_is_mended(capsys, picture, tmp_path):
     status, said, _ = grainfall(capsys, *new)
     assert status == 0
     assert study.open_study(tmp_path / "a").samples["a"]["image"] == "a_b_.png"
-    assert "taken for the pore" not in said
+    assert "taken for the pore" not in " ".join(said.split())
 
 
 def test_what_is_taken_for_the_pore_is_said(capsys, picture, tmp_path):
     new = ["new", tmp_path / "a", "--image", picture, "--pixel-size", "1um"]
-    assert "The lower value is taken for the pore" in grainfall(capsys, *new)[1]
-    assert "taken for the pore" not in grainfall(capsys, *new, "--force", "--pore-value", "255")[1]
+    said, told = (
+        " ".join(grainfall(capsys, *new, *more)[1].split())
+        for more in ([], ["--force", "--pore-value", "255"])
+    )
+    assert "The lower value is taken for the pore" in said
+    assert "taken for the pore" not in told
 
 
 def test_what_is_in_brackets_or_between_colons_is_shown(capsys, tmp_path, monkeypatch):
@@ -151,6 +162,15 @@ def test_what_is_in_brackets_or_between_colons_is_shown(capsys, tmp_path, monkey
     (folder / "config.yaml").write_text("samples: {a: {kind: synthetic, pixel_size_um: 2}}")
     monkeypatch.setattr(study, "jobs_left", lambda _: {})
     assert folder.name in "".join(grainfall(capsys, "status", folder)[1].split())
+
+
+def test_a_long_list_of_rules_breaks_between_words(capsys, tmp_path, monkeypatch):
+    (tmp_path / "config.yaml").write_text("samples: {a: {kind: synthetic, pixel_size_um: 2}}")
+    rules = {f"some_rule_with_a_name_{n}": 2 for n in range(9)}
+    monkeypatch.setattr(study, "jobs_left", lambda _: rules)
+    said = grainfall(capsys, "run", tmp_path, "--dry-run")[1]
+    assert max(map(len, said.splitlines())) <= 80
+    assert set(rules) <= set(said.split())
 
 
 def test_where_nothing_may_be_written_it_says_so(capsys, monkeypatch, tmp_path):

@@ -150,7 +150,8 @@ def make_sample(root: Path, name="demo", variants=("full", "bullet"), realizatio
                           "mean": curve}),
         )  # fmt: skip
         io.write_json(sample / variant / "s2_envelope.json", {"p": 0.23, "n_slices": 199})
-        io.write_json(sample / variant / "scene.json", {"edge_um": 80.0, "mean_diameter_um": 25.0})
+        scene = {"edge_um": 80.0, "mean_diameter_um": 25.0, "voxel_size_um": PIXEL}
+        io.write_json(sample / variant / "scene.json", scene)
         for realization in range(realizations):
             twin = sample / variant / str(realization)
             body, volume = balls((40, 44, 48), 40, rng, (5, 8))
@@ -336,7 +337,9 @@ def test_page_says_every_metric_and_what_missed(page, tree):
             assert name in text
     assert "porosity 0.371 misses 0.309: target not reachable by this plan, nearest 0.371" in text
     assert "nothing flows through the twin" in text
-    assert "(realization 0; 2 of 2 miss)" in text
+    assert "(missed by 2 of 2; figures of realization 0)" in text
+    assert "full changes nothing" in text
+    assert "(range)" in text
     assert "porosity 0.36 < 0.40" in text
     assert "s2_slices" in text
     assert "12.5 µm, so that a grain is of order 1" in text
@@ -432,6 +435,9 @@ def test_page_degrades(tmp_path, gone):
     parsed = Page((root / "report.html").read_text(encoding="utf-8"))
     for said in gone.values():
         assert said in parsed.text
+    anchors = {v for t, k, v in parsed.attributes if (t, k) == ("a", "href")}
+    for key, files in (("virtual", "*/*/virtual_spheres.*"), ("forces", "*/*/contacts.csv")):
+        assert (f"#sample-0-{key}" in anchors) == (files not in gone)
     assert "One twin only" in parsed.text
     assert not parsed.faults
 
@@ -659,7 +665,11 @@ def test_judgements_in_plain_words():
     assert words({"coordination": None})["coordination"][0] == "not computed"
     assert words({"coordination": 4.4})["coordination"][0] == "reported"
     assert words({"s2_envelope_p": 0.04})["s2_envelope_p"][0] == "missed"
-    assert words({"max_overlap": 0.021})["max_overlap"][0] == "missed"
+    assert words({"max_overlap": 0.0908})["max_overlap"] == (
+        "missed",
+        "largest overlap of the true shapes: 0.0908 of the smaller radius, above 0.02",
+    )
+    assert words({"asleep": 0.98})["asleep"][1] == "share of bodies at rest: 0.98, below 1"
 
 
 def test_verdict_counts_only_what_has_a_target():
@@ -697,6 +707,23 @@ def test_intervals_are_student_t():
     one = paired_differences(rows[rows["realization"] == 0], ["porosity"])
     assert one["differs"][0] is None
     assert np.isnan(one["lower"][0])
+
+
+def test_two_realizations_have_a_range_and_no_bound_is_impossible():
+    """Two permeabilities of 3315 and 4993 mD have a t-interval from -6504 to 14812."""
+    rows = pd.DataFrame(
+        {"sample": "s", "variant": ["two"] * 2 + ["three"] * 3, "engine": "physx",
+         "k_x_md": [3315.0, 4993.0, 100.0, 300.0, 900.0], "rattlers": [0.1, 0.2, 0.0, 0.9, 0.9]}
+    )  # fmt: skip
+    table = intervals(rows, ["k_x_md", "rattlers"]).set_index(["variant", "metric"])
+    assert table.loc[("two", "k_x_md"), ["lower", "upper"]].tolist() == [3315, 4993]
+    lower, upper = table.loc[("three", "k_x_md"), ["lower", "upper"]]
+    # 4.303 is the two-sided 95 % point of t with 2 degrees of freedom
+    assert [lower, upper] == pytest.approx(300 * np.exp(np.array([-1, 1]) * 4.302653 * np.log(3) / 3**0.5))
+    assert table.loc[("three", "rattlers"), ["lower", "upper"]].tolist() == [0, 1]
+    panel = figures.comparison_figure(rows, table.reset_index()).axes[0]
+    # ticks and a dot of each ensemble, and one interval
+    assert len(panel.lines) == 5
 
 
 def test_costs_add_up_over_jobs_and_parts(tree):
@@ -743,7 +770,7 @@ def test_many_minerals_stay_readable():
     assert len(figure.axes) == 2 * figures.MOST_PANELS
     assert figure.axes[figures.MOST_PANELS - 1].get_title(loc="left") == "pore circles"
     block = figures.block_figure(rng.integers(0, 41, (6, 6, 6)).astype(np.uint8), 1.0, names)
-    assert block.legends[0].get_texts()[-1].get_text() == "and 31 more"
+    assert block.legends[0].get_texts()[-2].get_text() == "and 31 more"
 
 
 def test_the_sizes_show_a_band_only_where_there_is_one():
@@ -755,6 +782,10 @@ def test_the_sizes_show_a_band_only_where_there_is_one():
     assert "bootstrap band" in legend(sizes)
     assert "bootstrap band" not in legend(sizes.assign(lower=np.nan, upper=np.nan))
     assert "bootstrap band" not in legend(sizes.assign(lower=sizes.f3d, upper=sizes.f3d))
+    # it is that of the bins which it was found in, whatever the others are drawn on
+    panel = figures.sizes_figure(sizes, PHASES).axes[1]
+    bands = [p.get_data() for p in panel.patches if np.ndim(p.get_data().baseline)]
+    assert [band.edges.tolist() for band in bands] == [[*sizes.r_lo_um, sizes.r_hi_um.iloc[-1]]]
 
 
 # ---- the page in a browser
@@ -929,6 +960,65 @@ def test_growth_of_a_run_from_the_benchmark_files_of_its_jobs(root, tmp_path):
     assert 3600 * grown.loc["network", "cpu_h_2000"] == pytest.approx(2 + 1e-6 * 2000**3)
     assert 3600 * grown.loc["figure", "cpu_h_4000"] == pytest.approx(3)
     assert grown.loc["total", "memory_gb_2000"] == grown["memory_gb_2000"].iloc[:-1].max()
+
+
+def test_cement_has_one_colour_whatever_its_number():
+    seen = set()
+    for phases in (["pore", "quartz", "cement"], ["pore", "quartz", "feldspar", "cement"]):
+        cement = phases.index("cement")
+        volume = np.zeros((9, 9, 9), np.uint8)
+        volume[2:7, 2:7, 2:7] = cement
+        view = view3d.view_data(volume, 1.0, phases)
+        seen |= {
+            figures.to_rgb(view["traces"][0]["color"]),
+            figures.to_rgb(figures.mineral_handles(phases)[cement - 1].get_facecolor()),
+            tuple(figures.phase_colours(volume, phases)[4, 4, 4]),
+        }
+    assert seen == {figures.to_rgb(figures.CEMENT)}
+    assert figures.CEMENT not in figures.MINERALS
+
+
+def test_no_bin_of_a_network_is_narrower_than_its_voxels():
+    sizes = {k: np.linspace(1, 12, 50) for k in ("pore_radius_um", "pore_volume_um3", "throat_radius_um")}
+    figure = figures.network_figure({**sizes, "coordination": np.arange(50)}, None, 2.0)
+    for axes in figure.axes[:2]:
+        assert np.diff(axes.patches[0].get_data().edges) == pytest.approx(2)
+
+
+def test_the_share_of_forces_beyond_the_axis_is_said():
+    """One contact of twenty carries ten times the mean, and more than half of all force."""
+    force = np.r_[np.full(19, 9 / 19), 10.0]
+    bodies = pd.DataFrame({"id": range(21), "x": 5.0, "z": 5.0})
+    contacts = pd.DataFrame({"grain_a": range(20), "grain_b": range(1, 21), "force_n": force})
+    right = figures.forces_figure(contacts.assign(x=5.0, y=5.0, z=5.0), bodies, 10.0, 2.0).axes[1]
+    assert right.texts[0].get_text() == "5 % beyond"
+    values, edges, _ = right.patches[0].get_data()
+    assert values @ np.diff(edges) == pytest.approx(0.95)
+
+
+def test_rebinned_histograms_keep_their_area_and_end_where_little_is_left():
+    edges = np.geomspace(1, 100, 40)
+    density = np.exp(-edges[:-1] / 5)
+    density /= density @ np.diff(edges)
+    last = figures.reach(edges, density)
+    wide, coarse = figures.rebinned(edges, density, last)
+    assert (len(coarse), wide[-1]) == (24, last)
+    assert 0.999 <= coarse @ np.diff(wide) < 1
+    assert last < 100
+
+
+def test_the_used_volume_is_that_of_the_difference_above_zero():
+    """Three bins of equal number: the widest radii are short by as much as the narrowest are in excess."""
+    table = pd.DataFrame({"r_lo_um": [0.0, 1, 2], "r_hi_um": [1.0, 2, 3], "target": [0.2, 0.3, 0.5]})
+    table = table.assign(first=[0.5, 0.3, 0.2], difference=[-0.3, 0, 0.3], used=[0, 0, 1.0])
+    outlines = [p for p in figures.virtual_figure(table, 0.1).axes[1].patches if not p.get_fill()]
+    (difference, edges, _), (used, _, _) = (outline.get_data() for outline in outlines)
+    assert used == pytest.approx(difference.clip(0))
+    # of all volume of the target: radii cubed over bins
+    share = 0.3 * (3**4 - 2**4) / (0.2 + 0.3 * (2**4 - 1) + 0.5 * (3**4 - 2**4))
+    assert used @ np.diff(edges) == pytest.approx(share)
+    nothing = figures.virtual_figure(table.assign(target=0.0, difference=0.0, used=0.0))
+    assert nothing.axes[1].texts[0].get_text() == "none called for"
 
 
 @pytest.mark.parametrize(("p_sp", "shown"), [(0.12, True), (0.0, False)])

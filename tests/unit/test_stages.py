@@ -173,8 +173,8 @@ def deficit(first, tail=NO_TAIL, overgrowth=APART, **over):
         (0.45, {}, False, "target porosity 0.4000 is below the first packing's 0.4500"),
         (0.45, {"switch": "on"}, False, "with nothing to do"),
         (0.35, {"switch": "off"}, False, "switched off in the config, although the target porosity"),
-        (0.45, {"tail": VUGS}, True, "large-pore radius of 20 um"),
-        (0.395, {"tail": VUGS}, True, "exceeds the first packing's 8 um beyond sampling"),
+        (0.45, {"tail": VUGS}, True, "large-pore radius of 20 µm"),
+        (0.395, {"tail": VUGS}, True, "exceeds the first packing's 8 µm beyond sampling"),
         (0.45, {"tail": VUGS, "switch": "off"}, False, "switched off in the config, although"),
     ],
 )

@@ -11,7 +11,7 @@ from scipy import ndimage
 
 from grainfall import io, surface
 from grainfall.report import paper_figures, save_figure
-from grainfall.report.claims import NOT_SHOWN, OPEN, SHOWN, claims, row_of
+from grainfall.report.claims import NOT_RUN, NOT_SHOWN, OPEN, SHOWN, claims, row_of
 from grainfall.report.figures import note_figure
 from grainfall.report.paper_figures import FIGURES, Cases
 from grainfall.report.tables import t_interval
@@ -116,8 +116,11 @@ def test_a_claim_holds_only_where_the_whole_interval_does(values, status):
     assert verdict(values).status == status
 
 
-def test_nothing_finished_is_open():
-    assert {c.status for c in claims(aggregate(figures({})))} == {OPEN}
+def test_what_was_not_begun_is_not_run_and_comes_after_what_was():
+    assert {c.status for c in claims(aggregate(figures({})))} == {NOT_RUN}
+    found = claims(aggregate(figures({"x": [1.02]}, "berea")))
+    assert {c.status for c in found if c.case == "berea"} == {OPEN}  # begun, and too few twins
+    assert [c.status == NOT_RUN for c in found] == sorted(c.status == NOT_RUN for c in found)
 
 
 def test_nearer_is_said_of_paired_differences():
@@ -313,7 +316,10 @@ def test_a_note_in_place_of_a_figure_is_said_and_not_shown(tmp_path):
     table = aggregate(figures({"a": [1.0]}, case="virtual_spheres"))
     build_validation(tmp_path, table, tmp_path / "page.html", {"sample2": tmp_path / "sample2.svg"})
     page = (tmp_path / "page.html").read_text()
-    assert "Figure “sample2”: what it shows is not among the results." in page
+    assert "Figure “sample2” is not drawn" in page
+    assert "<code>make case-virtual_spheres</code> makes what is missing" in page
+    assert '<td><a href="#virtual_spheres">Case\u00a02</a></td>' in page
+    assert "<td>Case\u00a03a</td>" in page
     assert "<img" not in page
 
 

@@ -72,7 +72,7 @@ def test_the_page_names_paper_and_ours(studied):
     page = (studied / "results/validation.html").read_text()
     assert "1\u202f183" in page
     assert "Not begun: Case 1" in page
-    assert "not finished" in page
+    assert "not run" in page
     assert "<script" not in page
     assert 'src="http' not in page
 

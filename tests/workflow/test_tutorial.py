@@ -79,7 +79,7 @@ def test_every_step_is_there_and_does_what_the_tutorial_says(typed):
 def test_new_finds_what_the_chapters_find(typed):
     """The workflow measured the same section: its figures are those that new has stated."""
     folder, said = typed
-    words = next(text for line, text in said.items() if line.startswith("grainfall new"))
+    words = next(" ".join(text.split()) for line, text in said.items() if line.startswith("grainfall new"))
     scene = io.read_json(folder / "tiny/results/tiny/full/scene.json")
     about = io.read_json(folder / "tiny/results/tiny/section.json")
     mean = float(re.search(r"([0-9.]+) um in space", words).group(1))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shlex
 import tempfile
+import textwrap
 import webbrowser
 from pathlib import Path
 from typing import Annotated
@@ -24,6 +25,14 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 out = Console(highlight=False, soft_wrap=True, markup=False, emoji=False)  # a path may be named [y] or :x:
+
+
+def say(text: str) -> None:
+    """Print prose, broken between words; paths and commands are printed as they are, to be copied."""
+    width = min(80, out.width)
+    lines = textwrap.wrap(text, width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
+    out.print("\n".join(lines))
+
 
 Folder = Annotated[Path, typer.Argument(metavar="STUDY", help="Folder of the study; this one if omitted.")]
 STAGES = {
@@ -70,6 +79,7 @@ def new(
     from grainfall.cli import look
 
     look.check_free(study, image, force)
+    out.print(f"Reading {image}; a large image takes a while.")
     found = look.look(
         image,
         look.length_um(pixel_size),
@@ -81,7 +91,7 @@ def new(
     )
     config = look.write_study(study, found, force=force)
     for line in look.described(found):
-        out.print(line)
+        say(line)
     out.print(f"Written: {config}. Next: grainfall run {shlex.quote(str(study))}")
 
 
@@ -104,8 +114,7 @@ def run(
     if not os.access(opened.folder, os.W_OK):
         raise InputError(opened.folder, "may not be written to", "a folder of your own; results go into it")
     if dry_run:
-        left = studies.jobs_left(opened)
-        out.print(_jobs(left))
+        say(_jobs(studies.jobs_left(opened)))
         return
     command = studies.snakemake(opened, *(["--unlock"] if unlock else ["--cores", cores]))
     with Progress(
@@ -157,11 +166,11 @@ def status(study: Folder = Path(".")) -> None:
             figures.add_row(twin, *(f"{cell:.4g}" if cell == cell else "" for cell in cells))
         out.print(figures)
     if opened.locked:
-        out.print("A run is going on, or one was killed (then: grainfall run --unlock).")
+        say("A run is going on, or one was killed (then: grainfall run --unlock).")
     if not os.access(opened.folder, os.W_OK):
-        out.print("The folder may not be written to, so what is left to do cannot be told.")
+        say("The folder may not be written to, so what is left to do cannot be told.")
         return
-    out.print(_jobs(studies.jobs_left(opened)))
+    say(_jobs(studies.jobs_left(opened)))
 
 
 def _jobs(left: dict[str, int]) -> str:

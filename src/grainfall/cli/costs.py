@@ -16,7 +16,7 @@ import pandas as pd
 from grainfall.packing import poured_grains
 
 TABLE = files("grainfall.cli") / "costs.csv"
-SOURCE = "src/grainfall/cli/costs.csv, measured by make bench-costs"
+SOURCE = "src/grainfall/cli/costs.csv (make bench-costs)"
 
 
 @dataclass(frozen=True)

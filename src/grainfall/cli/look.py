@@ -334,11 +334,7 @@ def described(found: Findings) -> list[str]:
         f"{name} {share:.1%}" for name, share in zip(names[1:], found.summary["fractions"], strict=True)
     )
     cost = found.cost
-    beyond = (
-        ""
-        if cost.measured
-        else " This one is more than twice as large as any measured: the fit is carried on."
-    )
+    beyond = "" if cost.measured else " This one is more than twice as large as any of those."
     if found.summary["porosity"] < TAPPED:
         beyond += " A rock this dense may take two to four times as long, as Berea's: its beds are tapped."
     box = f"a box of {found.edge_um:g} um, voxels of {found.voxel_size_um:g} um"
@@ -353,9 +349,9 @@ def described(found: Findings) -> list[str]:
         *([f"{aligned}."] if aligned else []),
         f"Suggested: preset {found.preset}, {box}.",
         f"A twin of {cost.grains} grains and {_millions(cost.voxels)} million voxels takes about "
-        f"{duration(cost.cpu_s)} of one core and {cost.memory_mb / 1024:.1f} GB.",
-        f"That is a fit to {SOURCE}; each twin there is within a factor of {cost.factor:.2g} of what the "
-        f"others let expect of it.{beyond}",
+        f"{duration(cost.cpu_s)} of one core ({duration(cost.cpu_s / cost.factor)} to "
+        f"{duration(cost.cpu_s * cost.factor)}) and {cost.memory_mb / 1024:.1f} GB, by the twins in "
+        f"{SOURCE}.{beyond}",
     ]
 
 

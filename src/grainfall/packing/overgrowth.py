@@ -38,7 +38,7 @@ class Overgrowth:
         """The comparison in a sentence."""
         how = "exceed" if self.exceeds else "do not exceed"
         return (
-            f"grains that touch in points (the first packing's, {self.first.per_um:.4g} um2 of surface a um3 "
+            f"grains that touch in points (the first packing's, {self.first.per_um:.4g} µm² of surface a µm³ "
             f"of solid) {how} the section's {self.section.per_um:.4g} beyond sampling"
         )
 

@@ -49,8 +49,8 @@ class PoreTail:
             return "no pore circles to compare"
         how = "exceeds" if self.exceeds else "does not exceed"
         return (
-            f"the section's large-pore radius of {self.target_um:.4g} um ({QUANTILE:.0%} of the pore area is "
-            f"below) {how} the first packing's {self.first_um:.4g} um beyond sampling"
+            f"the section's large-pore radius of {self.target_um:.4g} µm ({QUANTILE:.0%} of the pore area is "
+            f"below) {how} the first packing's {self.first_um:.4g} µm beyond sampling"
         )
 
 

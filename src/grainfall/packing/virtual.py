@@ -153,8 +153,8 @@ def virtual_sizes(
         return VirtualSizes(edges, f_target, f_first, difference, 0 * used, False, reason)
     reasons = []
     for out, words in (
-        (edges[1:] <= (smallest_um or 0.0), f"below {smallest_um or 0:.4g} um hold nothing open"),
-        (edges[:-1] >= (largest_um or np.inf), f"above {largest_um or 0:.4g} um do not fit"),
+        (edges[1:] <= (smallest_um or 0.0), f"below {smallest_um or 0:.4g} µm hold nothing open"),
+        (edges[:-1] >= (largest_um or np.inf), f"above {largest_um or 0:.4g} µm do not fit"),
     ):
         lost = (used * width)[out].sum() / total
         if lost > 0:

@@ -13,7 +13,7 @@ import pandas as pd
 from grainfall.report.tables import number
 from grainfall.report.validation import BEREA_PUBLISHED_MD
 
-SHOWN, NOT_SHOWN, OPEN = "holds", "does not hold", "open"
+SHOWN, NOT_SHOWN, OPEN, NOT_RUN = "holds", "does not hold", "open", "not run"
 
 
 class Claim(NamedTuple):
@@ -24,7 +24,8 @@ class Claim(NamedTuple):
     paper: str
     ours: str
     status: str
-    """holds, does not hold, or open (nothing finished yet, or the interval decides neither way)."""
+    """holds, does not hold, open (nothing finished yet, or the interval decides neither way), or not run (the
+    case has not been begun)."""
 
 
 def row_of(table: pd.DataFrame, case: str, variant: str, quantity: str) -> Mapping | None:
@@ -68,7 +69,7 @@ def _surely_above(*rows: Mapping | None) -> str:
 
 
 def claims(table: pd.DataFrame) -> list[Claim]:
-    """Every claim of the paper's three cases that the table can judge.
+    """Every claim of the paper's three cases that the table can judge; those of cases not begun at the end.
 
     Parameters
     ----------
@@ -77,12 +78,8 @@ def claims(table: pd.DataFrame) -> list[Claim]:
     """
     found = [*_stereology(table), *_spheres(table), *_berea(table), *_tomogram(table)]
     begun = set(table["case"])
-    return [
-        c._replace(ours=_counted_once(c.ours))
-        if c.case in begun
-        else c._replace(ours="not finished", status=OPEN)
-        for c in found
-    ]
+    tested = [c._replace(ours=_counted_once(c.ours)) for c in found if c.case in begun]
+    return tested + [c._replace(ours="not run", status=NOT_RUN) for c in found if c.case not in begun]
 
 
 def _counted_once(words: str) -> str:

@@ -27,7 +27,8 @@ from grainfall.io import atomic_path
 from grainfall.report.tables import METRICS, number
 
 PORE = "#FFFFFF"
-MINERALS = ("#0072B2", "#E69F00", "#7A7A7A", "#B9B9B9", "#4D4D4D", "#A9744F")
+MINERALS = ("#0072B2", "#E69F00", "#7A7A7A", "#B9B9B9", "#4D4D4D")
+CEMENT = "#A9744F"
 SECTION = "#000000"
 TRUTH = "#009E73"
 TWIN = "#D55E00"
@@ -112,25 +113,30 @@ def note_figure(text: str) -> Figure:
 # ---- the section
 
 
-def phase_colours(phase: np.ndarray) -> np.ndarray:
+def mineral_colour(phase: int, phases: Sequence[str] = ()) -> str:
+    """Colour of a mineral by its number; cement has one of its own, by its name."""
+    if phase < len(phases) and phases[phase] == "cement":
+        return CEMENT
+    return MINERALS[(phase - 1) % len(MINERALS)]
+
+
+def phase_colours(phase: np.ndarray, phases: Sequence[str] = ()) -> np.ndarray:
     """Colours (…, 3) of a phase image: pores white, minerals in their colours, virtual spheres yellow."""
-    table = np.ones((256, 3))
-    table[0] = to_rgb(PORE)
-    table[1:] = [to_rgb(MINERALS[i % len(MINERALS)]) for i in range(255)]
-    table[VIRTUAL_LABEL] = to_rgb(VIRTUAL)
-    return table[phase]
+    minerals = [mineral_colour(i, phases) for i in range(1, VIRTUAL_LABEL)]
+    return np.array([to_rgb(colour) for colour in (PORE, *minerals, VIRTUAL)])[phase]
 
 
 def mineral_handles(phases: Sequence[str], most: int = 9) -> list[Patch]:
     """Legend entries of the minerals, the first ``most`` of them."""
     handles = [
-        Patch(facecolor=MINERALS[i % len(MINERALS)], edgecolor="black", lw=0.5, label=name)
-        for i, name in enumerate(phases[1:])
+        Patch(facecolor=mineral_colour(i, phases), edgecolor="black", lw=0.5, label=name)
+        for i, name in enumerate(phases[1:], start=1)
     ]
     rest = len(handles) - most
     return handles if rest <= 0 else [*handles[:most], Patch(alpha=0, label=f"and {rest} more")]
 
 
+PORE_HANDLE = Patch(facecolor=PORE, edgecolor="black", lw=0.5, label="pore")
 MOST_PIXELS = 2000
 """Pixels along an edge of an image that is drawn: more would not be seen, and cost memory."""
 
@@ -169,7 +175,7 @@ def section_figure(
     if grey is not None:
         left.imshow(grey[::step, ::step], cmap="gray", extent=(0, columns, rows, 0))
     else:
-        left.imshow(phase_colours(phase[::step, ::step]), extent=(0, columns, rows, 0))
+        left.imshow(phase_colours(phase[::step, ::step], phases), extent=(0, columns, rows, 0))
     left.set(title="The section", xlim=(0, width), ylim=(height, 0))
 
     handles = mineral_handles(phases)
@@ -181,7 +187,7 @@ def section_figure(
     x0, y0 = (width - window_w) / 2, (height - window_h) / 2
     window = np.array([[y0, x0], [y0 + window_h, x0 + window_w]]) / pixel_size_um
     (top, first), (bottom, last) = np.stack([np.floor(window[0]), np.ceil(window[1])]).astype(int)
-    colours = phase_colours(phase[top:bottom, first:last])
+    colours = phase_colours(phase[top:bottom, first:last], phases)
     extent = np.array([first, first + colours.shape[1], top + colours.shape[0], top]) * pixel_size_um
     right.imshow(0.45 * colours + 0.55, extent=extent)
     right.set(xlim=(x0, x0 + window_w), ylim=(y0 + window_h, y0), title="Grains and inscribed pore circles")
@@ -270,14 +276,16 @@ def sizes_figure(
     for column, ((kind, phase), table) in enumerate(groups):
         phase = int(phase)
         pore = kind == "pore"
-        colour = PORE_CIRCLE if pore else MINERALS[(phase - 1) % len(MINERALS)]
+        colour = PORE_CIRCLE if pore else mineral_colour(phase, phases)
         edges = np.append(table["r_lo_um"].to_numpy(), table["r_hi_um"].iloc[-1])
         top, bottom = rows[0, column], rows[1, column]
         name = "pore circles" if pore else (phases[phase] if phase < len(phases) else f"mineral {phase}")
         top.set_title(name)
 
         # all on wider bins than the unfolding used, or noise is all one sees
-        wide, f2d = merged(edges, table["f2d"].to_numpy())
+        f2d, f3d, lower, upper = (table[c].to_numpy() for c in ("f2d", "f3d", "lower", "upper"))
+        last = reach(edges, f2d, f3d)
+        (wide, f2d), (_, f3d) = (rebinned(edges, density, last) for density in (f2d, f3d))
         top.stairs(f2d, wide, fill=True, color=to_rgba(colour, 0.45))
         top.stairs(f2d, wide, color=SECTION, lw=1.0, label="section, as seen")
         seen = twin_pores if pore else twin_grains
@@ -287,22 +295,22 @@ def sizes_figure(
                 seen = seen[seen["phase"] == phase]
             _density(top, seen["r_um"], seen["weight"], wide, TWIN, "-", "twin, slices")
 
-        f3d, lower, upper = (merged(edges, table[c].to_numpy())[1] for c in ("f3d", "lower", "upper"))
+        # but for the band: that of wider bins is not the mean of the narrow ones'
         if np.any(lower < upper):  # neither empty, nor as without a bootstrap
             bottom.stairs(
-                upper, wide, baseline=lower, fill=True, color=to_rgba(colour, 0.35), label="bootstrap band"
+                upper, edges, baseline=lower, fill=True, color=to_rgba(colour, 0.35), label="bootstrap band"
             )
         bottom.stairs(f3d, wide, color=SECTION, lw=1.4, label="section, unfolded")
+        highest = [f3d.max()]
         if truth is not None and not pore:
             of_phase = truth.loc[truth["phase"] == phase, "r_um"]
-            _density(bottom, of_phase, None, wide, TRUTH, (0, (4, 1.5)), "truth")
+            highest.append(_density(bottom, of_phase, None, wide, TRUTH, (0, (4, 1.5)), "truth"))
         if bodies is not None and not pore:
             of_phase = bodies[(bodies["kind"] == "grain") & (bodies["phase"] == phase)]
-            _density(bottom, of_phase["scale"], None, wide, TWIN, "-", "twin, bodies")
-        bottom.set_xlabel("radius (µm)")
-        for axes in (top, bottom):
-            axes.set_ylim(bottom=0)
-            axes.set_xlim(left=0)
+            highest.append(_density(bottom, of_phase["scale"], None, wide, TWIN, "-", "twin, bodies"))
+        top.set_ylim(bottom=0)
+        # where resamples gather many grains in one narrow bin, the band would leave the rest to be flat
+        bottom.set(xlabel="radius (µm)", xlim=(0, last), ylim=(0, 1.5 * max(highest)))
     rows[0, 0].set_ylabel("2D: density on slices (1/µm)")
     rows[1, 0].set_ylabel("3D: density (1/µm)")
     if hidden:
@@ -318,22 +326,30 @@ def sizes_figure(
     return figure
 
 
-def merged(edges: np.ndarray, density: np.ndarray, most: int = 24) -> tuple[np.ndarray, np.ndarray]:
-    """A histogram with neighbouring bins merged until at most ``most`` are left; its area stays."""
-    step = -(-len(density) // most)
-    kept = np.unique(np.append(np.arange(0, len(edges), step), len(edges) - 1))
-    mass = np.add.reduceat(density * np.diff(edges), kept[:-1])
-    return edges[kept], mass / np.diff(edges[kept])
+def reach(edges: np.ndarray, *densities: np.ndarray) -> float:
+    """Radius below which 99.9 % of each histogram lies: the last of a long tail would squeeze the rest."""
+    masses = [density * np.diff(edges) for density in densities]
+    return max(float(edges[1:][mass.cumsum() >= 0.999 * mass.sum()][0]) for mass in masses)
 
 
-def _density(axes, radii, weights, edges, colour, style, label) -> None:
-    """Number density per µm of a sample on given bins; what lies outside them counts in the norm."""
+def rebinned(edges: np.ndarray, density: np.ndarray, last: float) -> tuple[np.ndarray, np.ndarray]:
+    """A histogram on 24 bins up to ``last``, each of the area that it has there."""
+    wide = np.linspace(0, last, 25)
+    below = np.interp(wide, edges, np.append(0, np.cumsum(density * np.diff(edges))))
+    return wide, np.diff(below) / np.diff(wide)
+
+
+def _density(axes, radii, weights, edges, colour, style, label) -> float:
+    """Number density per µm of a sample on given bins, and its highest; what lies outside them counts in the
+    norm."""
     radii = np.asarray(radii, float)
     if len(radii) == 0:
-        return
+        return 0.0
     weights = np.ones(len(radii)) if weights is None else np.asarray(weights, float)
     counts, _ = np.histogram(radii, edges, weights=weights)
-    axes.stairs(counts / weights.sum() / np.diff(edges), edges, color=colour, ls=style, lw=1.5, label=label)
+    density = counts / weights.sum() / np.diff(edges)
+    axes.stairs(density, edges, color=colour, ls=style, lw=1.5, label=label)
+    return density.max()
 
 
 # ---- grains
@@ -355,7 +371,7 @@ def gallery_figure(grains: Sequence[Mapping], phases: Sequence[str] = ()) -> Fig
     grid = figure.add_gridspec(rows, 4 * per_row, width_ratios=[1.5, 1, 1, 1] * per_row)
     for k, grain in enumerate(grains):
         row, first = k // per_row, 4 * (k % per_row)
-        colour = MINERALS[(int(grain["phase"]) - 1) % len(MINERALS)]
+        colour = mineral_colour(int(grain["phase"]), phases)
         axes = figure.add_subplot(grid[row, first], projection="3d")
         draw_mesh(axes, grain["vertices"], grain["faces"], colour)
         if grain.get("words"):
@@ -372,6 +388,7 @@ def gallery_figure(grains: Sequence[Mapping], phases: Sequence[str] = ()) -> Fig
             axes.spines[:].set_color("#BBBBBB")
             if row == 0:
                 axes.set_title(plane, fontsize=8, fontweight="normal", loc="center")
+    figure.legend(handles=mineral_handles(phases), loc="outside lower center", ncols=6)
     return figure
 
 
@@ -434,7 +451,7 @@ def packings_figure(
     ):
         image = volume[:, volume.shape[1] // 2, :]
         height, width = (n * voxel_size_um for n in image.shape)
-        axes.imshow(phase_colours(image), origin="lower", extent=(0, width, 0, height))
+        axes.imshow(phase_colours(image, phases), origin="lower", extent=(0, width, 0, height))
         if (image == VIRTUAL_LABEL).any():
             spheres = True
             # an outline besides the colour: yellow on white vanishes in greyscale
@@ -448,15 +465,14 @@ def packings_figure(
         axes.spines[:].set_visible(True)
         if axes.get_subplotspec().is_first_col():
             axes.set_ylabel("z, up (µm)")
-    handles = mineral_handles(phases)
-    handles.append(Patch(facecolor=PORE, edgecolor="black", lw=0.5, label="pore"))
+    handles = [*mineral_handles(phases), PORE_HANDLE]
     if spheres:
         handles.append(Patch(facecolor=VIRTUAL, edgecolor="black", lw=0.8, label="virtual sphere"))
     figure.legend(handles=handles, loc="outside lower center", ncols=6)
     return figure
 
 
-def draw_block(axes, phase: np.ndarray) -> None:
+def draw_block(axes, phase: np.ndarray, phases: Sequence[str] = ()) -> None:
     """A volume (z, y, x) in isometric view in an axes: its top and two of its sides, no frame."""
     nz, ny, nx = phase.shape
     cos, sin = np.cos(np.pi / 6), 0.5
@@ -470,7 +486,7 @@ def draw_block(axes, phase: np.ndarray) -> None:
     for image, across, up, corner, shade, (columns, rows) in faces:
         affine = Affine2D(np.array([[across[0], up[0], corner[0]], [across[1], up[1], corner[1]], [0, 0, 1]]))
         shown = axes.imshow(
-            phase_colours(image) * shade,
+            phase_colours(image, phases) * shade,
             origin="lower",
             extent=(0, columns, 0, rows),
             interpolation="nearest",
@@ -494,12 +510,15 @@ def block_figure(phase: np.ndarray, voxel_size_um: float, phases: Sequence[str] 
     nz, ny, nx = phase.shape
     figure = Figure(figsize=(4.6, 4.9))
     axes = figure.add_subplot()
-    draw_block(axes, phase)
+    draw_block(axes, phase, phases)
     size = " × ".join(number(n * voxel_size_um) for n in (nx, ny, nz))
     axes.set_title(f"{size} µm (x × y × z)", fontsize=9, fontweight="normal", loc="center")
-    handles = mineral_handles(phases)
-    figure.legend(handles=handles, loc="outside lower center", ncols=4)
+    figure.legend(handles=[*mineral_handles(phases), PORE_HANDLE], loc="outside lower center", ncols=4)
     return figure
+
+
+MOST_FORCE = 6
+"""Forces that are shown, in their mean: beyond are few, over a long way."""
 
 
 @styled
@@ -542,14 +561,17 @@ def forces_figure(
     every = contacts["force_n"].to_numpy(float)
     every = every[every > 0]
     if len(every):
-        density, edges = np.histogram(every / every.mean(), np.linspace(0, 6, 31), density=True)
+        edges = np.linspace(0, MOST_FORCE, 31)
+        density = np.histogram(every / every.mean(), edges)[0] / len(every) / np.diff(edges)
         right.stairs(density, edges, fill=True, color=to_rgba(TWIN, 0.35))
         right.stairs(density, edges, color=TWIN)
         right.set_yscale("log")
         right.yaxis.set_major_formatter("{x:g}")
         force = EngFormatter("N", places=1)(every.mean())
-        right.set_title(f"{number(len(every))} contacts, mean {force}")
-    right.set(xlabel="normal force over its mean", ylabel="density")
+        right.set_title(f"{number(len(every))} contacts with margin,\nmean {force}")
+        beyond = (every > MOST_FORCE * every.mean()).mean()
+        right.text(1, 1, f"{100 * beyond:.2g} % beyond", ha="right", va="top", transform=right.transAxes)
+    right.set(xlabel="normal force over its mean", ylabel="density", xlim=(0, MOST_FORCE))
     return figure
 
 
@@ -565,31 +587,36 @@ def virtual_figure(table: pd.DataFrame, p_sp: float | None = None) -> Figure:
         Share of virtual spheres among the bodies poured; of 0, sizes that were left over were not used.
     """
     fine = np.append(table["r_lo_um"].to_numpy(), table["r_hi_um"].iloc[-1])
-    # the common bins of two unfoldings are so many that their outlines hide what they hold
-    drawn = {}
-    for name in ("first", "target", "difference", "used"):
-        edges, drawn[name] = merged(fine, table[name].fillna(0).to_numpy(), 60)
+    volumes = table[["first", "target", "difference", "used"]].fillna(0)
+    # the table has the used part of the difference as a distribution of its own
+    volumes["used"] = volumes["difference"].where(volumes["used"] > 0, 0)
+    # by volume: the many small circles hold little of the pore
+    cubes = np.diff(fine**4) / 4
+    whole = volumes["target"] @ cubes or 1.0  # a section without pore circles has none
+    volumes = volumes.mul(cubes / np.diff(fine) / whole, axis=0).to_numpy().T
+    last = reach(fine, *volumes[:2])
+    first, target, difference, used = (rebinned(fine, density, last)[1] for density in volumes)
+    edges = np.linspace(0, last, len(first) + 1)
     figure = Figure(figsize=(WIDTH, 3.1))
     left, right = figure.subplots(1, 2, sharex=True)
-    left.stairs(drawn["first"], edges, fill=True, color=to_rgba(FIRST, 0.5))
-    left.stairs(drawn["first"], edges, color="#1F6A99", ls=(0, (4, 1.5)), label="first packing")
-    left.stairs(drawn["target"], edges, color=SECTION, label="target: the section")
+    left.stairs(first, edges, fill=True, color=to_rgba(FIRST, 0.5))
+    left.stairs(first, edges, color="#1F6A99", ls=(0, (4, 1.5)), label="first packing")
+    left.stairs(target, edges, color=SECTION, label="target: the section")
     left.set_title("Pore circles, unfolded")
     left.set_ylim(bottom=0)
-    left.set_ylabel("density (1/µm)")
+    left.set_ylabel("volume, of the target's (1/µm)")
     right.axhline(0, color="black", lw=0.6)
-    right.stairs(
-        drawn["difference"], edges, color=SECTION, ls=(0, (1, 1.2)), lw=1.3, label="target − first packing"
-    )
+    right.stairs(difference, edges, color=SECTION, ls=(0, (1, 1.2)), lw=1.3, label="target − first packing")
     right.set_title("Virtual spheres")
-    if drawn["used"].any() and p_sp != 0:
-        right.stairs(drawn["used"], edges, fill=True, color=VIRTUAL, zorder=0)
+    right.set_ylabel("volume, of the target's (1/µm)")
+    if used.any() and p_sp != 0:
+        right.stairs(used, edges, fill=True, color=VIRTUAL, zorder=0)
         share = "" if p_sp is None else f", {100 * p_sp:.3g} % of the bodies"
-        right.stairs(drawn["used"], edges, color="#6B6300", lw=1.2, label=f"used{share}", zorder=0.5)
+        right.stairs(used, edges, color="#6B6300", lw=1.2, label=f"used{share}", zorder=0.5)
     else:
         right.text(0.5, 0.9, "none called for", ha="center", transform=right.transAxes, style="italic")
     for axes in (left, right):
-        axes.set_xlabel("radius (µm)")
+        axes.set(xlabel="radius (µm)", xlim=(0, last))
     figure.legend(loc="outside lower center", ncols=4)
     return figure
 
@@ -667,7 +694,9 @@ def s2_figure(
 
 @styled
 def network_figure(
-    sizes: Mapping[str, np.ndarray], reference: Mapping[str, np.ndarray] | None = None
+    sizes: Mapping[str, np.ndarray],
+    reference: Mapping[str, np.ndarray] | None = None,
+    voxel_um: float = 0.0,
 ) -> Figure:
     """Size distributions of the pore network: twin against reference.
 
@@ -675,11 +704,13 @@ def network_figure(
     ----------
     sizes, reference : mapping
         As :func:`grainfall.network.element_sizes` gives them.
+    voxel_um : float
+        Edge of the network's voxels: radii tell no narrower bins apart.
     """
     figure = Figure(figsize=(WIDTH, 2.9))
     samples = {"twin": sizes} if reference is None else {"twin": sizes, "reference": reference}
     panels = (
-        ("pore_radius_um", "Pores", "radius (µm)", "pore volume (1/µm)"),
+        ("pore_radius_um", "Pores", "radius (µm)", "pore-volume density (1/µm)"),
         ("throat_radius_um", "Throats", "radius (µm)", "density (1/µm)"),
         ("coordination", "Coordination", "throats per pore", "share of pores"),
     )
@@ -696,7 +727,8 @@ def network_figure(
             step = np.ceil((last + 1) / 25)
             edges = np.arange(-0.5, last + 0.5 + step, step)
         else:
-            edges = np.linspace(0, last, 25)
+            step = max(last / 24, voxel_um)
+            edges = np.arange(np.ceil(last / step) + 1) * step
         width = 1 if kind == "coordination" else np.diff(edges)
         for name, sample in values.items():
             weight = samples[name]["pore_volume_um3"] if kind == "pore_radius_um" else np.ones(len(sample))
@@ -721,7 +753,7 @@ def network_figure(
 
 @styled
 def comparison_figure(summary: pd.DataFrame, intervals: pd.DataFrame) -> Figure:
-    """Every ensemble's realizations, mean and 95 % t-interval, one panel a metric.
+    """Every ensemble's realizations, mean and, from three realizations on, 95 % interval; a panel a metric.
 
     Parameters
     ----------
@@ -747,9 +779,10 @@ def comparison_figure(summary: pd.DataFrame, intervals: pd.DataFrame) -> Figure:
                 & (intervals["engine"] == engine)
             ]
             if len(row):
-                mean, lower, upper = row[["mean", "lower", "upper"]].iloc[0]
-                error = None if np.isnan(lower) else [[mean - lower], [upper - mean]]
-                axes.errorbar(mean, y - 0.1, xerr=error, fmt="o", color=TWIN, ms=4.5, capsize=3, lw=1.4)
+                n, mean, lower, upper = row[["n", "mean", "lower", "upper"]].iloc[0]
+                axes.plot(mean, y - 0.1, "o", color=TWIN, ms=4.5)
+                if n > 2:
+                    axes.plot([lower, upper], [y - 0.1] * 2, "|-", color=TWIN, ms=6, mew=1.4, lw=1.4)
         goal = {"porosity": "porosity_target", "k_x_md": "k_ref_x_md", "k_y_md": "k_ref_y_md",
                 "k_z_md": "k_ref_z_md"}.get(name)  # fmt: skip
         if goal in summary and summary[goal].notna().any():
@@ -759,7 +792,8 @@ def comparison_figure(summary: pd.DataFrame, intervals: pd.DataFrame) -> Figure:
         axes.set_yticks(range(len(ensembles)), [f"{v} ({e})" for v, e in ensembles])
         axes.set_ylim(len(ensembles) - 0.5, -0.6)
         axes.margins(x=0.15)
-        axes.locator_params(axis="x", nbins=4)
+        axes.locator_params(axis="x", nbins=3)
+        axes.ticklabel_format(axis="x", useOffset=False)  # the offset would stand on the label
     for axes in grid.ravel()[len(metrics) :]:
         axes.set_axis_off()
     return figure

@@ -240,7 +240,8 @@ def figure_files(
             return None
         reference = _network(r, "sample:reference_network") if _measured_alike(r) else None
         sizes = (None if n is None else network.element_sizes(n) for n in (twin, reference))
-        return figures.network_figure(*sizes)
+        joined = _values(r.table("twin:metrics.csv")).get("network_coarsen", 1)
+        return figures.network_figure(*sizes, joined * r.json("variant:scene.json")["voxel_size_um"])
 
     def ensembles() -> Figure | None:
         rows = _summary(r)
@@ -279,7 +280,7 @@ def figure_files(
         ),
         "network": (
             pore_network,
-            ["twin:network_pores.csv", "twin:network_throats.csv"],
+            ["twin:network_pores.csv", "twin:network_throats.csv", "variant:scene.json"],
             ["sample:reference_network_pores.csv", "sample:reference_network_throats.csv",
              "twin:metrics.csv"],
         ),
@@ -458,7 +459,7 @@ def _all_metrics(judged: list[dict]) -> dict:
 
 
 def _verdicts(judged: list[dict]) -> list[dict]:
-    """What to say of each variant: its figures, and every miss in the words of the first twin that has it."""
+    """What to say of each variant: its figures, and every miss in the words of the first twin with it."""
     found = []
     for variant in dict.fromkeys(t["variant"] for t in judged):
         twins = [t for t in judged if t["variant"] == variant]
@@ -475,7 +476,9 @@ def _verdicts(judged: list[dict]) -> list[dict]:
                 "misses": [
                     (
                         own[0][0],
-                        f"realization {own[0][1]}; {len(own)} of {len(twins)} miss" if len(twins) > 1 else "",
+                        f"missed by {len(own)} of {len(twins)}; figures of realization {own[0][1]}"
+                        if len(twins) > 1
+                        else "",
                     )
                     for own in misses.values()
                 ],
@@ -580,7 +583,7 @@ def _costs(r: Results, twins) -> pd.DataFrame:
 
 
 def _comparison(summary: pd.DataFrame | None) -> dict | None:
-    """Ensembles of one sample side by side, where there is more than one twin."""
+    """Means of one sample's ensembles, and their differences, where there is more than one twin."""
     if summary is None or len(summary) < 2:
         return None
     found = {}

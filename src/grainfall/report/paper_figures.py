@@ -26,12 +26,12 @@ from grainfall import correlation, io, network, random
 from grainfall.report import figures
 from grainfall.report.figures import (
     FIRST,
-    MINERALS,
     PORE_CIRCLE,
     SECTION,
     TRUTH,
     TWIN,
     WIDTH,
+    mineral_colour,
     phase_colours,
     styled,
 )
@@ -46,6 +46,8 @@ from grainfall.report.validation import (
 )
 
 DASHED, DOTTED = (0, (4, 1.5)), (0, (1, 1.2))
+MARKS = "osD^v<>p*h"
+"""Markers that tell sections of one volume apart."""
 GRAINS_SHOWN = 14
 """Mean grain diameters across a window in which single grains are to be seen."""
 
@@ -93,23 +95,43 @@ class Cases:
         return None
 
 
-def _image(axes, phase: np.ndarray, pixel: float, *, up: bool = False, grey: bool = False) -> None:
-    height, width = (n * pixel for n in phase.shape)
-    look = {"cmap": "gray", "vmin": 0, "vmax": 1.2} if grey else {}
+DARK, LIGHT = to_rgb("#151515"), to_rgb("#999999")
+"""Pore and solid, where a picture has no colours but theirs: dark and light as in a tomogram."""
+BINARY = [
+    Patch(facecolor=LIGHT, edgecolor="black", lw=0.5, label="solid"),
+    Patch(facecolor=DARK, edgecolor="black", lw=0.5, label="pore"),
+]
+
+
+def _binary(solid: np.ndarray) -> np.ndarray:
+    """Colours of solid and pore."""
+    return np.where(solid[..., None], LIGHT, DARK)
+
+
+def _image(axes, picture: np.ndarray, pixel: float, *, up: bool = False) -> None:
+    """Colours (y, x, 3), or the grey (y, x) of a tomogram, in which 1 is solid."""
+    height, width = (n * pixel for n in picture.shape[:2])
     axes.imshow(
-        phase if grey else phase_colours(phase),
+        picture,
         origin="lower" if up else "upper",
         extent=(0, width, 0, height) if up else (0, width, height, 0),
         interpolation="nearest",
-        **look,
+        **({"cmap": "gray", "vmin": 0, "vmax": 1.2} if picture.ndim == 2 else {}),
     )
-    if not grey and (phase == figures.VIRTUAL_LABEL).any():
-        axes.contour(
-            (phase == figures.VIRTUAL_LABEL).astype(float), [0.5], colors="black", linewidths=0.6,
-            extent=(0, width, 0, height),
-        )  # fmt: skip
     axes.set(xticks=[], yticks=[])
     axes.spines[:].set_visible(True)
+
+
+def _plane(axes, r: Results, name: str) -> None:
+    """The vertical slice through the middle of a volume of a twin."""
+    volume = r.volume(f"twin:{name}.zarr.zip", "phase")
+    phase, voxel = volume[:, volume.shape[1] // 2], _voxel(r)
+    _image(axes, phase_colours(phase, r.twin_phases), voxel, up=True)
+    if (phase == figures.VIRTUAL_LABEL).any():
+        axes.contour(
+            (phase == figures.VIRTUAL_LABEL).astype(float), [0.5], colors="black", linewidths=0.6,
+            extent=(0, phase.shape[1] * voxel, 0, phase.shape[0] * voxel),
+        )  # fmt: skip
 
 
 def _bar(axes, width_um: float) -> None:
@@ -142,14 +164,17 @@ def _voxel(r: Results, name: str = "twin:twin.zarr.zip") -> float:
     return float(r.attributes(name)[0]["voxel_size_um"])
 
 
-def _circles(axes, pores: pd.DataFrame, offset=(0.0, 0.0), colour: str = PORE_CIRCLE) -> None:
+CIRCLE = {"facecolor": to_rgba(PORE_CIRCLE, 0.85), "edgecolor": "#7A2E58", "linewidth": 0.5}
+PORE_CIRCLES = Patch(**CIRCLE, label="pore circle")
+
+
+def _circles(axes, pores: pd.DataFrame, offset=(0.0, 0.0)) -> None:
     r = pores["r_um"].to_numpy()
     axes.add_collection(
         EllipseCollection(
             2 * r, 2 * r, np.zeros(len(r)), units="xy",
             offsets=pores[["x_um", "y_um"]].to_numpy() - np.asarray(offset),
-            offset_transform=axes.transData, facecolor=to_rgba(colour, 0.85), edgecolor="#7A2E58",
-            linewidths=0.5,
+            offset_transform=axes.transData, **CIRCLE,
         )
     )  # fmt: skip
 
@@ -195,10 +220,10 @@ def pipeline(cases: Cases) -> Figure | None:
         axes = figure.add_subplot(grid[place], **({} if flat else {"projection": "3d"}))
         _letter(axes, letter, name)
         panels.append(axes)
-    _image(panels[0], phase, pixel)
+    colours = phase_colours(phase, r.phases)
+    _image(panels[0], colours, pixel)
     _bar(panels[0], phase.shape[1] * pixel)
-    _image(panels[1], np.where(phase > 0, 0, 0).astype(np.uint8), pixel)
-    panels[1].imshow(0.5 * phase_colours(phase) + 0.5, extent=panels[1].get_images()[0].get_extent())
+    _image(panels[1], 0.5 * colours + 0.5, pixel)
     _outlines(panels[1], labels, pixel, "black", 0.6)
     limits = panels[1].get_xlim(), panels[1].get_ylim()
     _circles(panels[1], pores, corner)
@@ -206,25 +231,23 @@ def pipeline(cases: Cases) -> Figure | None:
     sizes = r.table("sample:sizes.csv")
     table = sizes[(sizes["kind"] == "grain") & (sizes["phase"] == 1)]
     edges = np.append(table["r_lo_um"], table["r_hi_um"].iloc[-1])
-    wide, f2d = figures.merged(edges, table["f2d"].to_numpy())
-    _, f3d = figures.merged(edges, table["f3d"].to_numpy())
-    panels[2].stairs(f2d, wide, fill=True, color=to_rgba(MINERALS[0], 0.4), label="2D")
+    f2d, f3d = table["f2d"].to_numpy(), table["f3d"].to_numpy()
+    last = figures.reach(edges, f2d, f3d)
+    wide, f2d = figures.rebinned(edges, f2d, last)
+    _, f3d = figures.rebinned(edges, f3d, last)
+    panels[2].stairs(f2d, wide, fill=True, color=to_rgba(mineral_colour(1, r.phases), 0.4), label="2D")
     panels[2].stairs(f3d, wide, color="black", label="3D")
     panels[2].set(yticks=[], xlabel="radius (µm)")
     panels[2].legend(fontsize=7)
     chosen = gallery(r, 6)
     grain = chosen[len(chosen) // 4]
-    figures.draw_mesh(panels[3], grain["vertices"], grain["faces"], MINERALS[grain["phase"] - 1])
+    figures.draw_mesh(panels[3], grain["vertices"], grain["faces"], mineral_colour(grain["phase"], r.phases))
     for axes, name in zip(panels[4:], ("first/volume", "second/volume", "twin"), strict=True):
-        volume = r.volume(f"twin:{name}.zarr.zip", "phase")
-        _image(axes, volume[:, volume.shape[1] // 2], _voxel(r), up=True)
+        _plane(axes, r, name)
     hidden = figure.add_subplot(grid[1, 0])
     hidden.set_axis_off()
     handles = figures.mineral_handles(r.twin_phases)
-    handles += [
-        Patch(facecolor=to_rgba(PORE_CIRCLE, 0.6), edgecolor="#7A2E58", label="pore circle"),
-        Patch(facecolor=figures.VIRTUAL, edgecolor="black", label="virtual sphere"),
-    ]
+    handles += [PORE_CIRCLES, Patch(facecolor=figures.VIRTUAL, edgecolor="black", label="virtual sphere")]
     hidden.legend(handles=handles, loc="center", fontsize=8)
     figure.draw_without_rendering()
     boxes = [axes.get_position() for axes in panels]
@@ -252,17 +275,18 @@ def masks(cases: Cases) -> Figure | None:
         return None
     phase, labels, pores, corner = _section_panels(r, 9 * _grain_um(r))
     pixel = r.pixel_size_um
-    figure = Figure(figsize=(WIDTH, 2.35))
+    figure = Figure(figsize=(WIDTH, 2.5))
     panels = figure.subplots(1, 4)
-    grey = np.where(phase > 0, 0.72, 0.1)
-    _image(panels[0], grey, pixel, grey=True)
-    _image(panels[1], grey, pixel, grey=True)
+    solid = phase > 0
+    minerals = np.where(solid[..., None], phase_colours(phase, r.phases), DARK)
+    for axes, picture in zip(panels, (_binary(solid), _binary(solid), minerals, _binary(solid)), strict=True):
+        _image(axes, picture, pixel)
     _outlines(panels[1], labels, pixel)
-    _image(panels[2], phase, pixel)
-    _image(panels[3], grey, pixel, grey=True)
     limits = panels[3].get_xlim(), panels[3].get_ylim()
-    _circles(panels[3], pores, corner, "#E69F00")
+    _circles(panels[3], pores, corner)
     panels[3].set(xlim=limits[0], ylim=limits[1])
+    handles = [*BINARY, *figures.mineral_handles(r.phases), PORE_CIRCLES]
+    figure.legend(handles=handles, loc="outside lower center", ncols=6)
     names = ("solid and pore", "grain masks", "minerals", "pore circles")
     for axes, letter, name in zip(panels, "abcd", names, strict=True):
         _letter(axes, letter, name)
@@ -281,9 +305,10 @@ def sizes2d(cases: Cases) -> Figure | None:
     hatches = {0: "....", 1: "", 2: "////"}
     for (kind, phase), table in r.table("sample:sizes.csv").groupby(["kind", "phase"], sort=True):
         pore = kind == "pore"
-        colour = PORE_CIRCLE if pore else MINERALS[int(phase) - 1]
+        colour = PORE_CIRCLE if pore else mineral_colour(int(phase), r.phases)
         edges = np.append(table["r_lo_um"], table["r_hi_um"].iloc[-1])
-        wide, f2d = figures.merged(edges, table["f2d"].to_numpy())
+        f2d = table["f2d"].to_numpy()
+        wide, f2d = figures.rebinned(edges, f2d, figures.reach(edges, f2d))
         name = "pore circles" if pore else r.phases[int(phase)]
         axes.stairs(
             f2d, wide, fill=True, facecolor=to_rgba(colour, 0.3), edgecolor=colour, lw=1.2,
@@ -305,7 +330,7 @@ def grain(cases: Cases) -> Figure | None:
     one = chosen[len(chosen) // 3]
     vertices = one["vertices"] - (one["vertices"].max(0) + one["vertices"].min(0)) / 2
     reach = np.abs(vertices).max()
-    colour = MINERALS[one["phase"] - 1]
+    colour = mineral_colour(one["phase"], r.phases)
     figure = Figure(figsize=(WIDTH * 0.75, 2.7))
     left, right = (figure.add_subplot(1, 2, k, projection="3d") for k in (1, 2))
     spans = np.ptp(vertices, axis=0)
@@ -361,9 +386,8 @@ def _sample1(cases: Cases, variant: str) -> Figure | None:
     grid = figure.add_gridspec(2, 1 + len(phases), width_ratios=[1, *[2.5 / len(phases)] * len(phases)])
     left = [figure.add_subplot(grid[i, 0]) for i in (0, 1)]
     window = _window(r, edge)
-    _image(left[0], r.section_phase[window], r.pixel_size_um)
-    twin = r.volume("twin:twin.zarr.zip", "phase")
-    _image(left[1], twin[:, twin.shape[1] // 2], _voxel(r), up=True)
+    _image(left[0], phase_colours(r.section_phase[window], r.phases), r.pixel_size_um)
+    _plane(left[1], r, "twin")
     _letter(left[0], "a", "original, the section")
     _letter(left[1], "b", "reconstructed, slice")
     for axes in left:
@@ -371,7 +395,7 @@ def _sample1(cases: Cases, variant: str) -> Figure | None:
     truth, bodies = r.table("sample:truth_sizes.csv"), drawn_grains(r)
     seen = [r.table("sample:grains2d.csv"), r.table("twin:grains2d.csv")]
     for column, phase in enumerate(phases):
-        colour = MINERALS[(phase - 1) % len(MINERALS)]
+        colour = mineral_colour(phase, r.phases)
         top, bottom = (figure.add_subplot(grid[i, 1 + column]) for i in (0, 1))
         last = truth.loc[truth["phase"] == phase, "r_um"].quantile(0.999)
         edges = np.linspace(0, last, 22)
@@ -475,16 +499,15 @@ def sample2(cases: Cases) -> Figure | None:
     figure = Figure(figsize=(WIDTH, 5.3))
     grid = figure.subplots(2, 3).ravel()
     reference = r.volume("sample:reference.zarr.zip", "phase")
-    figures.draw_block(grid[0], reference)
+    figures.draw_block(grid[0], reference, r.phases)
     phase, _, pores, corner = _section_panels(r, edge)
     for axes in grid[1:3]:
-        _image(axes, phase, r.pixel_size_um)
+        _image(axes, phase_colours(phase, r.phases), r.pixel_size_um)
     limits = grid[2].get_xlim(), grid[2].get_ylim()
     _circles(grid[2], pores, corner)
     grid[2].set(xlim=limits[0], ylim=limits[1])
     for axes, name in zip(grid[3:], ("first/volume", "second/volume", "twin"), strict=True):
-        volume = r.volume(f"twin:{name}.zarr.zip", "phase")
-        _image(axes, volume[:, volume.shape[1] // 2], _voxel(r), up=True)
+        _plane(axes, r, name)
     for axes in grid[1:]:
         _bar(axes, edge)
     names = ("original", "original, slice", "with inscribed circles", "first packing", "second packing",
@@ -492,10 +515,7 @@ def sample2(cases: Cases) -> Figure | None:
     for axes, letter, name in zip(grid, "abcdef", names, strict=True):
         _letter(axes, letter, name)
     handles = figures.mineral_handles(r.twin_phases)
-    handles += [
-        Patch(facecolor=to_rgba(PORE_CIRCLE, 0.6), edgecolor="#7A2E58", label="pore circle"),
-        Patch(facecolor=figures.VIRTUAL, edgecolor="black", label="virtual sphere"),
-    ]
+    handles += [PORE_CIRCLES, Patch(facecolor=figures.VIRTUAL, edgecolor="black", label="virtual sphere")]
     figure.legend(handles=handles, loc="outside lower center", ncols=6)
     return figure
 
@@ -521,17 +541,25 @@ def _network_panel(axes, r: Results, slab_um: float) -> None:
     axes.set(xlim=(0, edge), ylim=(0, edge), aspect="equal", xlabel="x (µm)", ylabel="y (µm)")
 
 
-def _pore_sizes(axes, volumes: Sequence[tuple]) -> None:
-    """Pore volume over the radii of the network's pores, pooled over twins."""
+def _pore_sizes(axes, volumes: Sequence[tuple], *, inset: bool = False) -> None:
+    """Pore volume over the radii of the network's pores, pooled over twins; for the large ones again on a
+    logarithmic scale in an inset."""
     drawn = [(network.pooled_sizes(v), colour, style, name) for v, colour, style, name in volumes if v]
     edges = np.linspace(0, max(sizes["pore_radius_um"].max() for sizes, *_ in drawn), 26)
+    panels = [axes, axes.inset_axes([0.5, 0.58, 0.5, 0.42])] if inset else [axes]
     for sizes, colour, style, name in drawn:
         held = sizes["pore_volume_um3"]
         density = np.histogram(sizes["pore_radius_um"], edges, weights=held)[0] / held.sum()
-        axes.stairs(density / np.diff(edges), edges, color=colour, ls=style, lw=1.6, label=name)
+        for each in panels:
+            each.stairs(density / np.diff(edges), edges, color=colour, ls=style, lw=1.6, label=name)
     axes.set(xlabel="network pore radius (µm)", ylabel="share of pore volume (1/µm)")
     axes.set(xlim=(0, edges[-1]), ylim=(0, 1.35 * axes.dataLim.ymax))  # the legend stands above the curves
-    axes.legend(fontsize=7, loc="upper right")
+    if inset:
+        panels[1].set(xlim=(0, edges[-1]), yscale="log", ylim=(1e-3 * axes.dataLim.ymax, None))
+        panels[1].tick_params(labelsize=6)
+        panels[1].yaxis.set_major_formatter("{x:g}")
+    else:
+        axes.legend(fontsize=7, loc="upper right")
 
 
 def _pores(stems: Sequence[Path]) -> list[dict[str, np.ndarray]]:
@@ -544,7 +572,8 @@ def sample2_analysis(cases: Cases) -> Figure | None:
     r = cases.twin("virtual_spheres")
     if r is None:
         return None
-    figure = Figure(figsize=(WIDTH, 2.9))
+    figure = Figure(figsize=(WIDTH, 3.1))
+    figure.get_layout_engine().set(w_pad=0.08)
     panels = figure.subplots(1, 3)
     _network_panel(panels[0], r, 2 * _grain_um(r))
     _pore_sizes(
@@ -554,7 +583,9 @@ def sample2_analysis(cases: Cases) -> Figure | None:
             (_pores(cases.stems("virtual_spheres", "grains_only/*/network")), FIRST, DOTTED, "grains alone"),
             (_pores(cases.stems("virtual_spheres", "full/*/network")), TWIN, "-", "with virtual spheres"),
         ),
+        inset=True,
     )
+    figure.legend(*panels[1].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     variants = (("full", TWIN, "-", "with spheres"), ("grains_only", FIRST, DOTTED, "grains alone"))
     _s2_ensemble(panels[2], cases, "virtual_spheres", variants)
     for axes, letter, name in zip(
@@ -595,23 +626,17 @@ def motivation(cases: Cases) -> Figure | None:
     figure = Figure(figsize=(WIDTH, 2.75))
     panels = figure.subplots(1, 3)
     fine = rock[rock.shape[0] * plane // len(solid)]
-    _image(panels[0], np.where(fine > 0, 0.95, 0.05), _voxel(r, "sample:reference.zarr.zip"), grey=True)
-    _image(panels[1], grey[plane], voxel, grey=True)
-    picture = np.where(solid[plane] > 0, 0.72, 1.0)[..., None] * np.ones(3)
+    _image(panels[0], _binary(fine > 0), _voxel(r, "sample:reference.zarr.zip"))
+    _image(panels[1], grey[plane], voxel)
+    picture = _binary(solid[plane] > 0)
     binning = round(voxel / _voxel(r, "sample:reference.zarr.zip"))
     picture[_phantom(rock, solid, plane, binning)] = to_rgb(TWIN)
-    extent = panels[1].get_images()[0].get_extent()
-    _image(panels[2], np.zeros_like(solid[plane]), voxel)
-    panels[2].imshow(picture, extent=extent, interpolation="nearest")
+    _image(panels[2], picture, voxel)
     names = ("the section", "tomogram", "tomogram, thresholded")
     for axes, letter, name in zip(panels, "abc", names, strict=True):
         _letter(axes, letter, name)
         _bar(axes, solid.shape[2] * voxel)
-    handles = [
-        Patch(facecolor=(0.72,) * 3, edgecolor="black", lw=0.5, label="solid"),
-        Patch(facecolor="white", edgecolor="black", lw=0.5, label="pore"),
-        Patch(facecolor=TWIN, label="phantom pore: solid in the rock"),
-    ]
+    handles = [*BINARY, Patch(facecolor=TWIN, label="phantom pore: solid in the rock")]
     figure.legend(handles=handles, loc="outside lower center", ncols=3)
     return figure
 
@@ -624,18 +649,17 @@ def sample3(cases: Cases) -> Figure | None:
         return None
     r, _, grey, solid, voxel = found
     edge = solid.shape[2] * voxel
-    figure = Figure(figsize=(WIDTH, 5.2))
+    figure = Figure(figsize=(WIDTH, 5.4))
     grid = figure.subplots(2, 3).ravel()
     plane = len(solid) // 2
-    _image(grid[0], grey[plane], voxel, grey=True)
-    _image(grid[1], np.where(solid[plane] > 0, 0.72, 1.2), voxel, grey=True)
+    _image(grid[0], grey[plane], voxel)
+    _image(grid[1], _binary(solid[plane] > 0), voxel)
     phase, labels, _, _ = _section_panels(r, edge)
-    _image(grid[2], np.where(phase > 0, 0.72, 0.1), r.pixel_size_um, grey=True)
-    _image(grid[3], phase, r.pixel_size_um)
+    _image(grid[2], _binary(phase > 0), r.pixel_size_um)
+    _image(grid[3], phase_colours(phase, r.phases), r.pixel_size_um)
     _outlines(grid[3], labels, r.pixel_size_um, "black", 0.5)
     for axes, name in zip(grid[4:], ("first/volume", "twin"), strict=True):
-        volume = r.volume(f"twin:{name}.zarr.zip", "phase")
-        _image(axes, volume[:, volume.shape[1] // 2], _voxel(r), up=True)
+        _plane(axes, r, name)
     names = (
         "tomogram, slice",
         "tomogram, thresholded",
@@ -647,6 +671,9 @@ def sample3(cases: Cases) -> Figure | None:
     for axes, letter, name in zip(grid, "abcdef", names, strict=True):
         _letter(axes, letter, name)
         _bar(axes, edge)
+    white = Patch(facecolor=figures.PORE, edgecolor="black", lw=0.5, label="pore (d to f)")
+    handles = [*BINARY, *figures.mineral_handles(r.twin_phases), white]
+    figure.legend(handles=handles, loc="outside lower center", ncols=6)
     return figure
 
 
@@ -671,7 +698,7 @@ def sample3_analysis(cases: Cases) -> Figure | None:
     figure = Figure(figsize=(WIDTH, 2.9))
     panels = figure.subplots(1, 3)
     twin = r.volume("twin:twin.zarr.zip", "phase")
-    figures.draw_block(panels[0], twin)
+    figures.draw_block(panels[0], twin, r.twin_phases)
     _pore_sizes(
         panels[1],
         (
@@ -701,15 +728,16 @@ def berea(cases: Cases) -> Figure | None:
     if r is None or not volume.exists():
         return None
     figure = Figure(figsize=(WIDTH, 5.0))
+    figure.get_layout_engine().set(w_pad=0.08)
     grid = figure.subplots(2, 3).ravel()
     phase, pixel = r.section_phase, r.pixel_size_um
     twin = r.volume("twin:twin.zarr.zip", "phase")
     n = min(twin.shape[0], phase.shape[0])
-    _image(grid[0], phase[:n, :n], pixel)
-    _image(grid[1], twin[:, twin.shape[1] // 2][:n, :n], _voxel(r), up=True)
+    _image(grid[0], phase_colours(phase[:n, :n], r.phases), pixel)
+    _image(grid[1], phase_colours(twin[:, twin.shape[1] // 2][:n, :n], r.twin_phases), _voxel(r), up=True)
     for axes in grid[:2]:
         _bar(axes, n * pixel)
-    handles = [Patch(facecolor=MINERALS[0], label="grain"), Patch(facecolor=MINERALS[1], label="cement")]
+    handles = figures.mineral_handles(r.twin_phases)
     grid[1].legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.02), ncols=2, fontsize=7)
     lags, s2 = radial(cases.root / "data/berea/reference_s2.csv")
     _s2_twins(grid[2], cases, lags[lags < 0.4 * r.pixel_size_um * 200])
@@ -725,10 +753,17 @@ def berea(cases: Cases) -> Figure | None:
     every = io.read_volume(volume, "phase")[0] == 0
     for axis, (name, style) in enumerate(zip("zyx", ("-", DASHED, DOTTED), strict=True)):
         planes = every.mean(axis=tuple(a for a in range(3) if a != axis))
-        grid[4].plot(planes, ls=style, lw=1.1, color="#444444", label=f"normal to {name}")
+        place = (np.arange(len(planes)) + 0.5) * pixel
+        grid[4].plot(place, planes, ls=style, lw=0.9, color="#777777", label=name)
+        for mark, path in zip(MARKS, cases.paths("berea", "section.json"), strict=False):
+            cut = io.read_json(path)["notes"]["slice"]  # such as x100
+            if cut[0] == name:
+                at = int(cut[1:])
+                grid[4].plot(place[at], planes[at], mark, color=SECTION, ms=4.5, zorder=3)
     grid[4].axhline(every.mean(), color=TRUTH, ls=DASHED, lw=1.8)
-    grid[4].set(xlabel="plane", ylabel="porosity of a slice", xlim=(0, len(planes) - 1))
-    grid[4].legend(fontsize=7, ncols=1)
+    grid[4].set(xlabel="place of the slice (µm)", ylabel="porosity of a slice")
+    grid[4].set(xlim=(0, len(planes) * pixel), ylim=(0.93 * grid[4].get_ylim()[0], None))
+    grid[4].legend(title="normal to", title_fontsize=7, fontsize=7, ncols=3, loc="lower center")
     _k_axes(grid[5], cases)
     names = ("Berea, the slice seen", "a twin, slice", "S₂ in 3D", "pores", "one slice's porosity",
              "permeability")  # fmt: skip
@@ -748,18 +783,19 @@ def _s2_twins(axes, cases: Cases, grid: np.ndarray) -> None:
 
 
 def _k_axes(axes, cases: Cases) -> None:
-    tables = [io.read_table(p) for p in cases.paths("berea", "full/*/flow.csv")]
+    sections = [sorted((cases.root / name).glob("full/*/flow.csv")) for name in cases.samples["berea"]]
+    tables = [(mark, io.read_table(p)) for mark, paths in zip(MARKS, sections, strict=False) for p in paths]
     reference = io.read_table(cases.root / "data/berea/reference_flow.csv")
 
     def along(table, axis):
         return table[(table["method"] == table["method"].iloc[0]) & (table["axis"] == axis)]["k_md"].iloc[0]
 
     for x, axis in enumerate("xyz"):
-        values = [along(t, axis) for t in tables]
-        beside = x + np.linspace(-0.12, 0.12, len(values))
-        axes.plot(beside, values, "o", color=TWIN, ms=4, label="twins" if x == 0 else None)
+        for beside, (mark, table) in zip(np.linspace(-0.25, 0.25, len(tables)), tables, strict=True):
+            axes.plot(x + beside, along(table, axis), mark, color=TWIN, ms=3.5)
         axes.plot([x - 0.3, x + 0.3], [along(reference, axis)] * 2, color=TRUTH, ls=DASHED, lw=2,
                   label="Berea, same method" if x == 0 else None)  # fmt: skip
+    axes.plot([], [], MARKS[0], color=TWIN, ms=4, label="twins")
     axes.axhline(BEREA_PUBLISHED_MD, color=SECTION, lw=1, ls=DOTTED, label="published mean of cubes")
     axes.set(xticks=range(3), xticklabels=list("xyz"), xlabel="axis", ylabel="K (mD)")
     axes.set_ylim(0, 1.08 * axes.get_ylim()[1])
@@ -781,6 +817,8 @@ def cv_sweep(cases: Cases) -> Figure | None:
     truth = table[table["variant"] == "truth"].set_index(["cv", "truth"])
     figure = Figure(figsize=(WIDTH, 2.7))
     panels = figure.subplots(1, 4)
+    for axes in panels[2:]:
+        axes.sharey(panels[1])
     names = (("r_um", "mean radius over the truth's"), ("k_md", "K over the truth's"),
              ("k_over_r2", "K/R² over the truth's"),
              ("k_over_rs2", "K/R₃₂² over the truth's"))  # fmt: skip
@@ -841,10 +879,15 @@ def permeability(cases: Cases) -> Figure | None:
                       label="ours, 95 % interval" if y == 0 else None)  # fmt: skip
         if not np.isnan(row["paper"]):
             axes.plot(row["paper"], y, "D", color=SECTION, mfc="none", ms=6)
-    axes.plot([], [], "D", color=SECTION, mfc="none", ms=6, label="paper, one realization")
+    if rows["paper"].notna().any():
+        axes.plot([], [], "D", color=SECTION, mfc="none", ms=6, label="paper, one realization")
     axes.axvline(1, color=TRUTH, ls=DASHED, lw=1.6, label="truth")
-    axes.axvspan(0.9, 1.1, color=to_rgba(TRUTH, 0.12), lw=0)
-    names = [f"{r.case}, {r.variant} ({r.n} of {r.sections})".replace("_", " ") for r in rows.itertuples()]
+    axes.axvspan(0.9, 1.1, color=to_rgba(TRUTH, 0.12), lw=0, label="within 10 %")
+    names = [
+        f"{r.case}, {r.variant}\n{r.n} twin{'s'[: r.n > 1]}, {r.sections} section{'s'[: r.sections > 1]}"
+        for r in rows.itertuples()
+    ]
+    names = [name.replace("_", " ") for name in names]
     axes.set(yticks=range(len(rows)), yticklabels=names, xlabel=describe("k_ratio").label, xlim=(0, None))
     axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.legend(loc="best", fontsize=7)
@@ -865,8 +908,8 @@ FIGURES: dict[str, Drawn] = {
         permeability,
         "-",
         "Permeability over the truth's by the same method, of every case and variant. Dots: our "
-        "ensembles (so many twins of so many sections) with 95 % intervals; open diamonds: the paper's "
-        "single figures; the band is 10 %.",
+        "ensembles (so many twins of so many sections) with 95 % intervals; open diamonds, where there are "
+        "any: the paper's single figures; the band is 10 % to either side.",
     ),
     "motivation": Drawn(
         motivation,
@@ -903,8 +946,8 @@ FIGURES: dict[str, Drawn] = {
     "virtual_sizes": Drawn(
         virtual_sizes,
         "Distributions of virtual spheres",
-        "Pore circles of section and first packing, unfolded; their difference, and the sizes that "
-        "the virtual spheres got.",
+        "Pore circles of section and first packing, unfolded, by volume of equally many; their difference, "
+        "and its part above zero, bin by bin of the unfolding: the sizes that the virtual spheres got.",
     ),
     "sample1_full": Drawn(
         sample1_full,
@@ -929,8 +972,8 @@ FIGURES: dict[str, Drawn] = {
     "sample2_analysis": Drawn(
         sample2_analysis,
         "Sample 2: structural analysis",
-        "Case 2: pore network of a twin (a slab two grains thick), radii of network pores (inset: "
-        "logarithmic), S₂ in 3D.",
+        "Case 2: pore network of a twin (a slab two grains thick), radii of network pores (inset: on "
+        "a logarithmic scale), S₂ in 3D.",
     ),
     "sample3": Drawn(
         sample3,
@@ -946,7 +989,7 @@ FIGURES: dict[str, Drawn] = {
         berea,
         "-",
         "Case 3a: one slice of Berea and a twin made of it, S₂ in 3D, pore sizes, the porosity of "
-        "every single slice, K along the axes.",
+        "every single slice, those seen marked, and K along the axes of the twins made of them, so marked.",
     ),
     "cv_sweep": Drawn(
         cv_sweep,

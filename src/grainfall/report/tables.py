@@ -34,6 +34,8 @@ SUMMARY_COLUMNS = (
 )  # fmt: skip
 """Columns of results/summary.csv, in their order."""
 
+SHARES = ("porosity", "porosity_first", "porosity_second", "s2_inside_envelope", "s2_envelope_p", "rattlers")
+"""Columns of summary.csv between 0 and 1."""
 POROSITY_TOLERANCE = 0.0005
 """Allowed distance of the twin's porosity from the section's where the correction is on."""
 CORRECTION_LIMIT = 0.01
@@ -93,7 +95,8 @@ METRICS: dict[str, Metric] = {
     "w1_solidity": Metric("grain solidity, distance to the section", source="grains2d.csv"),
     "s2_inside_envelope": Metric("lags where the section's S₂ lies inside the cloud of slices",
                                  source="s2_envelope.json", low=0.95),
-    "s2_envelope_p": Metric("envelope test of the section's S₂, p", source="s2_envelope.json", low=0.05),
+    "s2_envelope_p": Metric("p of the envelope test of the section's S₂", source="s2_envelope.json",
+                            low=0.05),
     "max_overlap": Metric("largest overlap of the true shapes, of the smaller radius",
                           source="contacts.csv", high=0.02),
     "coordination": Metric("contacts per grain, without rattlers", "contacts", "contacts.csv"),
@@ -652,7 +655,9 @@ def _verdict(name: str, known: Metric, value: float | None, rows: Mapping) -> tu
         return wanted, f"{known.label} {shown} misses {number(aim)}: beyond two standard errors", "missed"
     below = low is not None and value < low
     bound = f"below {number(low)}" if below else f"above {number(high)}"
-    return wanted, f"{known.label} {shown} misses: {bound}", "missed"
+    # a label may end in what the figure is a share of, or counted in
+    what, comma, of = known.label.rpartition(", ")
+    return wanted, f"{what}: {shown} {of}, {bound}" if comma else f"{of}: {shown}, {bound}", "missed"
 
 
 def _wanted(name: str, aim: float | None, low: float | None, high: float | None) -> str:
@@ -755,7 +760,11 @@ def headline(tables: Sequence[pd.DataFrame]) -> list[str]:
 def intervals(
     summary: pd.DataFrame, columns: Sequence[str], by: Sequence[str] = ("sample", "variant", "engine")
 ) -> pd.DataFrame:
-    """Mean and Student-t 95 % interval over realizations.
+    """Mean and 95 % interval over realizations.
+
+    Student's t; of permeabilities that of their logarithms, carried back, since they scatter by factors.
+    Bounds stay where the figure can lie: none is negative, shares are at most 1. Two realizations would give
+    twelve times their standard error: theirs is the range of the two.
 
     Parameters
     ----------
@@ -769,14 +778,23 @@ def intervals(
     Returns
     -------
     DataFrame
-        ``by`` columns, metric, n, mean, lower, upper (NaN bounds for a single realization).
+        ``by`` columns, metric, n, mean, lower, upper (NaN bounds for a single realization, the range of two).
     """
+
+    def bounded(name: str, values: np.ndarray) -> tuple[int, float, float, float]:
+        n, mean, lower, upper = t_interval(values)
+        if n == 2:
+            lower, upper = values.min(), values.max()
+        elif name.startswith("k_") and values.min() > 0:
+            lower, upper = np.exp(t_interval(np.log(values))[2:])
+        return n, mean, *np.clip([lower, upper], 0, 1 if name in SHARES else np.inf).tolist()
+
     rows = []
     for key, group in summary.groupby(list(by), sort=False, dropna=False):
         for column in columns:
             values = pd.to_numeric(group[column], errors="coerce").dropna() if column in group else []
             if len(values):
-                rows.append((*key, column, *t_interval(np.asarray(values, float))))
+                rows.append((*key, column, *bounded(column, values.to_numpy(float))))
     return pd.DataFrame(rows, columns=[*by, "metric", "n", "mean", "lower", "upper"])
 
 

@@ -27,9 +27,11 @@ TEXTS = {
     "sizes": Text(
         "Sizes in 2D and in 3D",
         "Sizes",
-        "Above: radii seen on the section, and on slices of the twin. Below: radii unfolded to 3D with the "
-        "bootstrap band where one was asked for, the twin's own grains, and the truth where it is known. "
-        "Number densities; every histogram integrates to 1.",
+        "Above: radii seen on the section, and on slices of the twin. Below: radii unfolded to 3D, the "
+        "twin's own grains, and the truth where it is known. Number densities of all radii; the axis ends "
+        "where 99.9 % of the section's are shown. With a bootstrap, the band holds 95 % of its "
+        "resamples in each of the unfolding's own bins, which are narrower than those drawn: where single "
+        "ones vary much it runs out of the picture.",
         "Histograms of grain radii by mineral and of pore-circle radii, on slices above and in 3D below.",
         "No sizes have been unfolded yet.",
     ),
@@ -37,7 +39,9 @@ TEXTS = {
         "Grains and their masks",
         "Grains",
         "Some of the 3D grains, each beside the three grain sections it was made from, as measured. They "
-        "become its central sections, xy lying, xz and yz standing, once turned and stretched to meet.",
+        "become its central sections, xy lying, xz and yz standing, once turned and stretched to meet. All "
+        "are drawn to fill their boxes, whatever their size: r is the radius of the disc that has the area "
+        "of the grain section that chose the size.",
         "A gallery of shaded 3D grains, each with three outlines of measured grain sections.",
         "The grain library is not there yet.",
     ),
@@ -52,17 +56,22 @@ TEXTS = {
     "forces": Text(
         "What carries the grains",
         "Packing",
-        "Contacts between grains in a slab two mean grains thick through the middle of the twin, seen from "
-        "the side: lines join two centres, as thick as the force between them in the second packing. "
-        "Contacts that carry nothing are thin grey lines.",
+        "Left: contacts between grains in a slab two mean grains thick through the middle of the twin, seen "
+        "from the side: lines join two centres, as thick as the force between them in the second packing. "
+        "Contacts that carry nothing are thin grey lines. Right: the forces of all contacts that carry, "
+        "those of the margin around the twin among them, up to six times their mean; the share of larger "
+        "ones stands in the corner.",
         "A network of lines between grain centres, thicker where the contact force is larger.",
         "The contacts have not been found yet.",
     ),
     "virtual": Text(
         "Virtual spheres",
         "Packing",
-        "Left: pore-circle radii unfolded to 3D, of the section and of the first packing. Right: their "
-        "difference, and the part of it that was used as sizes of virtual spheres.",
+        "Left: pore-circle radii unfolded to 3D, of the section and of the first packing, by the volume that "
+        "equally many spheres of either have, over that of the section's. Right: their difference, and the "
+        "part of it above zero in the unfolding's own, narrower bins: the sizes that virtual spheres got, "
+        "but for those that hold nothing open or do not fit. The axis ends where 99.9 % of either volume "
+        "are shown.",
         "Histograms of pore-circle radii: target and first packing, their difference, and the sizes used.",
         "No virtual spheres were called for: the first packing is porous enough.",
     ),
@@ -93,10 +102,10 @@ TEXTS = {
         "The twin is not there yet.",
     ),
     "ensembles": Text(
-        "Ensembles side by side",
+        "Realizations and their means",
         "Comparison",
-        "Ticks: single realizations. Dots: means with 95 % t-intervals over realizations. Dashed: target or "
-        "reference.",
+        "Ticks: single realizations. Dots: means, from three realizations on with 95 % intervals. Dashed: "
+        "target or reference.",
         "Realizations, means and intervals of every variant and engine, one panel a metric; the tables below "
         "have the numbers.",
         "One twin only: there is nothing to compare and no interval to give.",

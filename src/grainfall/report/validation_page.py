@@ -75,7 +75,7 @@ def build_validation(
                 **said,
                 "claims": [c for c in every if c.case == case],
                 "rows": [_row(r) for r in rows.to_dict("records")],
-                "figures": [_figure(name, drawn.get(name)) for name in said["figures"]],
+                "figures": [_figure(name, drawn.get(name), f"make case-{case}") for name in said["figures"]],
             }
         )
     page = environment.get_template("validation.html.j2").render(
@@ -83,7 +83,8 @@ def build_validation(
         benchmarks=_benchmarks(Path(results) / "benchmarks"),
         shown={part["case"] for part in parts},
         claims=every,
-        overview=_figure("permeability", drawn.get("permeability")),
+        names={c: said["title"].partition(":")[0].replace(" ", "\u00a0", 1) for c, said in words.items()},
+        overview=_figure("permeability", drawn.get("permeability"), "make cases"),
         version=__version__,
         twins=_twins(Path(results)),
         left_out=left_out,
@@ -128,11 +129,11 @@ def _cell(row: Mapping, columns: str | list[str]) -> str:
     return number(value) + (f" ({lower}\u00a0to\u00a0{upper})" if lower else "")
 
 
-def _figure(name: str, path: Path | None) -> dict:
+def _figure(name: str, path: Path | None, command: str) -> dict:
     entry = FIGURES[name]
     there = path is not None and path.exists() and f'id="{NOTE}"' not in path.read_text(encoding="utf-8")
     image = data_uri(path) if there else None
-    return {"name": name, "caption": entry.caption, "paper": entry.paper, "image": image}
+    return {"name": name, "caption": entry.caption, "paper": entry.paper, "image": image, "command": command}
 
 
 def _twins(root: Path) -> int:

@@ -12,7 +12,7 @@ import numpy as np
 from skimage.measure import marching_cubes
 
 from grainfall.io import CHUNK, Volume
-from grainfall.report.figures import MINERALS, PORE_CIRCLE
+from grainfall.report.figures import PORE_CIRCLE, mineral_colour
 from grainfall.report.tables import voxel_counts
 
 TRIANGLES = 160_000
@@ -60,7 +60,7 @@ def view_data(
     for i, vertices, faces in meshes:
         name = phases[i] if i < len(phases) else f"mineral {i}"
         groups[f"mineral {i}"] = name
-        traces.append(_mesh(vertices, faces, scale, MINERALS[(i - 1) % len(MINERALS)], name, f"mineral {i}"))
+        traces.append(_mesh(vertices, faces, scale, mineral_colour(i, phases), name, f"mineral {i}"))
     balls = _network(network)
     if balls:
         groups["network"] = "pore network"
@@ -79,7 +79,7 @@ def view_data(
             "zaxis": {**axis, "title": {"text": "z, up (µm)"}, "range": [0, nz]},
             "aspectmode": "manual",
             "aspectratio": {"x": nx / longest, "y": ny / longest, "z": nz / longest},
-            "camera": {"eye": {"x": 1.45, "y": -1.45, "z": 0.95}},
+            "camera": {"eye": {"x": 1.6, "y": -1.6, "z": 1.05}},
         },
     }
     return {"traces": traces, "groups": groups, "layout": layout}

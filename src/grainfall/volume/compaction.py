@@ -85,7 +85,7 @@ def compact(
         switch,
         dense and short,
         f"the rock is {'' if dense else 'no '}denser than its grains pour to, and with rims alone the twin "
-        f"has {rims:.4g} um2 of surface a um3 of solid, {'' if short else 'no '}less than the section's "
+        f"has {rims:.4g} µm² of surface a µm³ of solid, {'' if short else 'no '}less than the section's "
         f"{per_um:.4g}",
         possible=short,
     )
@@ -99,8 +99,8 @@ def compact(
             found, now = at(middle)
             if progress:
                 progress(
-                    f"grains pressed to {100 / middle:.3g} % of their distances: {now:.4g} um2 of surface "
-                    f"a um3 of solid, the section has {per_um:.4g}"
+                    f"grains pressed to {100 / middle:.3g} % of their distances: {now:.4g} µm² of surface "
+                    f"a µm³ of solid, the section has {per_um:.4g}"
                 )
             if found > target and now < per_um:
                 factor, left, surface = middle, found, now

@@ -100,7 +100,7 @@ def finish(
         phase, body, grown = cement(grains, library, shape, voxel, target, len(scene["phases"]))
         made = {**grown, "room": room, "compaction": pressed}
         size = 100 * (size_factor(made) - 1)
-        rims["reason"] += f": rims of {grown['rim_um']:.3g} um on grains {abs(size):.2g} % "
+        rims["reason"] += f": rims of {grown['rim_um']:.3g} µm on grains {abs(size):.2g} % "
         rims["reason"] += "smaller" if size < 0 else "larger"
         return grains, iter([(0, phase, body)]), scaling, {**made, **rims}
     nothing = {"target": target, "before": left, "after": left, "share": 0.0, "rim_um": 0.0, "wall_s": 0.0}
