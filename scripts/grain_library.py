@@ -23,7 +23,11 @@ with stage(snakemake) as progress:
             progress=progress,
             **settings["morphology"],
         )
-        progress.say(f"{len(voids)} of voids" if voids else "no voids wider than grains")
+        progress.say(
+            f"{len(voids)} of voids"
+            if voids
+            else "no shapes of voids: too few that a grain would fit, or pixels too coarse"
+        )
         library = library.with_shapes(voids) if voids else library
     library.save(snakemake.output.library)
     progress.say(f"{len(library.table)} shapes")

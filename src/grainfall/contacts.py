@@ -84,8 +84,9 @@ def find_contacts(
     DataFrame
         A row a pair, by ids: grain_a < grain_b, phase_a, phase_b; x, y, z (um, midway between the closest
         points); nx, ny, nz (unit normal from a to b); area_um2 (of the voxel faces that the two share within
-        the volume, so too little where a face of the volume cuts the contact; empty where none of it is inside); force_n (normal force, 0 where the two touch and carry
-        nothing; empty without ``forces``); gap_um (negative: depth of penetration).
+        the volume, so too little where a face of the volume cuts the contact; empty where none of it is
+        inside); force_n (normal force, 0 where the two touch and carry nothing; empty without ``forces``);
+        gap_um (negative: depth of penetration).
     """
     grains = bodies[bodies["kind"] == "grain"]
     rest = grains if packed is None else packed[packed["id"].isin(grains["id"])]

@@ -42,7 +42,7 @@ def pack(library):
 
 
 def test_a_bed_that_does_not_cover_the_region_is_no_packing(pack):
-    with pytest.raises(InputError, match="the bed ends .* um high in a region of .* still moving"):
+    with pytest.raises(InputError, match=r"the bed ends .* um high in a region of .* still moving"):
         pack(packing.Parameters(max_idle_steps=10), rest=False)
 
 

@@ -423,10 +423,10 @@ def test_wrong_boxes_and_supplies_are_refused(library):
     box = container(200.0, 100.0, 0.0)
     with pytest.raises(InputError, match="population"):
         deposit(supply(300, 8).iloc[:0], library, box, Parameters(), np.random.default_rng(0))
-    with pytest.raises(InputError, match="a grain .* does not fit"):
+    with pytest.raises(InputError, match=r"a grain .* does not fit"):
         deposit(supply(300, 8, 150.0), library, box, Parameters(), np.random.default_rng(0))
     wide = pd.concat([supply(9, 8), supply(1, 0, 150.0).assign(kind="virtual")], ignore_index=True)
-    with pytest.raises(InputError, match="scene.edge_um: a virtual sphere .* does not fit"):
+    with pytest.raises(InputError, match=r"scene.edge_um: a virtual sphere .* does not fit"):
         deposit(wide, library, box, Parameters(), np.random.default_rng(0))
 
 

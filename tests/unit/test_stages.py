@@ -388,7 +388,7 @@ def test_a_packing_kept_that_is_not_the_nearest_is_told():
 
     class Slips(Bed):
         def porosity(self, grains):
-            p, lubrication, taps = self.of(grains)
+            _, lubrication, taps = self.of(grains)
             return 0.385 if lubrication < 1 or taps else 0.42
 
     first = Slips(0.42)

@@ -245,8 +245,8 @@ class _Deposition:
             widest = self.bound.argmax()
             raise InputError(
                 "scene.edge_um",
-                f"a {NAMES[self.kind[widest]]} {2 * self.bound[widest] * unit:.4g} um wide does not fit a box "
-                f"of {self.sides.min() * unit:.4g} um",
+                f"a {NAMES[self.kind[widest]]} {2 * self.bound[widest] * unit:.4g} um wide does not fit "
+                f"a box of {self.sides.min() * unit:.4g} um",
                 "a larger region of interest, or margin around it",
             )
         self.unit = unit
