@@ -433,6 +433,7 @@ def test_wrong_boxes_and_supplies_are_refused(library):
 def test_refinement_stays_within_what_physx_counts_to():
     assert Parameters(solver_iterations=20).refined().solver_iterations == 40
     assert Parameters(solver_iterations=200).refined().solver_iterations == 255
+    assert Parameters(engine="bullet", solver_iterations=200).refined().solver_iterations == 400
 
 
 def test_a_body_nearly_as_wide_as_the_margin_does_not_block_the_line():
@@ -440,9 +441,7 @@ def test_a_body_nearly_as_wide_as_the_margin_does_not_block_the_line():
     box = Box((200.0,) * 3, 100.00001)
     zones = supply(60, 0, 50.0).assign(over_roi=np.arange(60) % 2 == 0)
     zones.loc[1, "scale"] = 100.0
-    unit = zones["scale"].mean()  # so that the margin is next to nothing more than its radius
     report = deposit(zones, None, box, Parameters(), np.random.default_rng(0), rest=False).attrs["report"]
-    assert unit == pytest.approx(50.83, abs=0.01)
     assert report["notes"] == []
     assert report["surface_um"] >= report["surface_needed_um"]
 

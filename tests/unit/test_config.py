@@ -352,6 +352,20 @@ def test_defaults_of_packing_parameters_are_documented(root, schema):
     assert found == {name: str(getattr(Parameters(), name)) for name in known}
 
 
+def test_presets_are_documented_as_they_are(root, schema, presets):
+    cells = r"^\| `(\w+)` \| (\d+) \| (\d+) \| (.*) \| (.*) \| (\d+) \| (\d+) \|"
+    rows = re.findall(cells, (root / "docs/choosing.md").read_text(), re.M)
+    assert [row[0] for row in rows] == list(presets)
+    for name, edge, vertices, points, rest, shapes, bootstrap in rows:
+        whole = config.resolve({"samples": "s.tsv", "preset": name}, schema, presets)
+        p = Parameters.named(**whole["packing"]["overrides"])
+        assert (float(edge), int(vertices)) == (whole["scene"]["edge_grains"], p.hull_vertices)
+        assert {"kept from step to step": "persistent", "all anew": "full"}[points] == p.contact_manifold
+        assert rest == f"{p.rest_windows}, {p.sleep_speed:g}, {p.sleep_steps}"
+        assert int(shapes) == whole["grains"]["shapes_per_phase"]
+        assert int(bootstrap) == whole["stereology"]["bootstrap"]
+
+
 def test_every_packing_parameter_can_be_set(schema):
     """Overrides are the fields of Parameters without a key of their own, and take what the schema lets."""
     known = schema["properties"]["packing"]["properties"]["overrides"]["properties"]

@@ -216,10 +216,6 @@ FALLING = 1.0
 """Speed, engine units / s, above which a body still falls: that of a fall over a twentieth of a radius."""
 
 
-NAMES = {"grain": "grain", "virtual": "virtual sphere"}
-"""Kinds of bodies as messages call them."""
-
-
 class _Deposition:
     def __init__(self, population, library, box, parameters, rng, progress, checkpoints):
         self.started = time.perf_counter()
@@ -243,9 +239,10 @@ class _Deposition:
         self.sides = in_units(box.sides_um, unit)
         if 2 * self.bound.max() >= self.sides.min():
             widest = self.bound.argmax()
+            what = "virtual sphere" if self.kind[widest] == "virtual" else "grain"
             raise InputError(
                 "scene.edge_um",
-                f"a {NAMES[self.kind[widest]]} {2 * self.bound[widest] * unit:.4g} um wide does not fit "
+                f"a {what} {2 * self.bound[widest] * unit:.4g} um wide does not fit "
                 f"a box of {self.sides.min() * unit:.4g} um",
                 "a larger region of interest, or margin around it",
             )

@@ -196,7 +196,9 @@ class Parameters:
 
     def refined(self) -> Parameters:
         """These with half the time step and twice the solver iterations, or as many as PhysX takes."""
-        iterations = min(2 * self.solver_iterations, max(MOST_ITERATIONS, self.solver_iterations))
+        iterations = 2 * self.solver_iterations
+        if self.engine == "physx":
+            iterations = min(iterations, MOST_ITERATIONS)
         return replace(self, dt=self.dt / 2, solver_iterations=iterations)
 
     def suited(self, smallest: float, contrast: float = 1.0) -> Parameters:

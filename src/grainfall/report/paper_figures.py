@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import cycle, pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -47,7 +47,7 @@ from grainfall.report.validation import (
 
 DASHED, DOTTED = (0, (4, 1.5)), (0, (1, 1.2))
 MARKS = "osD^v<>p*h"
-"""Markers that tell sections of one volume apart."""
+"""Markers that tell sections of one volume apart, from the first again where there are more."""
 GRAINS_SHOWN = 14
 """Mean grain diameters across a window in which single grains are to be seen."""
 
@@ -755,7 +755,7 @@ def berea(cases: Cases) -> Figure | None:
         planes = every.mean(axis=tuple(a for a in range(3) if a != axis))
         place = (np.arange(len(planes)) + 0.5) * pixel
         grid[4].plot(place, planes, ls=style, lw=0.9, color="#777777", label=name)
-        for mark, path in zip(MARKS, cases.paths("berea", "section.json"), strict=False):
+        for mark, path in zip(cycle(MARKS), cases.paths("berea", "section.json"), strict=False):
             cut = io.read_json(path)["notes"]["slice"]  # such as x100
             if cut[0] == name:
                 at = int(cut[1:])
@@ -784,7 +784,8 @@ def _s2_twins(axes, cases: Cases, grid: np.ndarray) -> None:
 
 def _k_axes(axes, cases: Cases) -> None:
     sections = [sorted((cases.root / name).glob("full/*/flow.csv")) for name in cases.samples["berea"]]
-    tables = [(mark, io.read_table(p)) for mark, paths in zip(MARKS, sections, strict=False) for p in paths]
+    marked = zip(cycle(MARKS), sections, strict=False)
+    tables = [(mark, io.read_table(path)) for mark, paths in marked for path in paths]
     reference = io.read_table(cases.root / "data/berea/reference_flow.csv")
 
     def along(table, axis):
@@ -884,10 +885,10 @@ def permeability(cases: Cases) -> Figure | None:
     axes.axvline(1, color=TRUTH, ls=DASHED, lw=1.6, label="truth")
     axes.axvspan(0.9, 1.1, color=to_rgba(TRUTH, 0.12), lw=0, label="within 10 %")
     names = [
-        f"{r.case}, {r.variant}\n{r.n} twin{'s'[: r.n > 1]}, {r.sections} section{'s'[: r.sections > 1]}"
+        f"{r.case}, {r.variant}".replace("_", " ")
+        + f"\n{r.n} twin{'s'[: r.n > 1]}, {r.sections} section{'s'[: r.sections > 1]}"
         for r in rows.itertuples()
     ]
-    names = [name.replace("_", " ") for name in names]
     axes.set(yticks=range(len(rows)), yticklabels=names, xlabel=describe("k_ratio").label, xlim=(0, None))
     axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.legend(loc="best", fontsize=7)
