@@ -209,8 +209,8 @@ def test_spheres_for_vugs_are_no_smaller_than_vugs():
 @pytest.mark.parametrize(
     ("first", "over", "on", "words"),
     [
-        (0.35, {"tail": VUGS, "voids": 40}, True, "of which the section gives 40 shapes"),
-        (0.35, {"tail": VUGS, "voids": 0}, False, "gives no shapes"),
+        (0.35, {"tail": VUGS, "voids": 40}, True, "40 shapes of the section's voids were made"),
+        (0.35, {"tail": VUGS, "voids": 0}, False, "no shapes of the section's"),
         (0.35, {"voids": 40}, False, "virtual spheres hold"),
         (0.35, {"voids": 40, "void_shapes": "on"}, True, "forced on in the config, although"),
         (0.35, {"voids": 0, "void_shapes": "on"}, False, "with nothing to do"),
@@ -219,12 +219,12 @@ def test_spheres_for_vugs_are_no_smaller_than_vugs():
             0.35,
             {"tail": VUGS, "voids": 40, "void_shapes": "off"},
             False,
-            "runs only where asked for",
+            "switched off in the config, although virtual spheres hold",
         ),
     ],
 )
 def test_shapes_of_voids_where_spheres_hold_large_pores_open(first, over, on, words):
-    found = deficit(first, **{"void_shapes": "auto", **over})[1]["void_shapes"]
+    found = deficit(first, **over)[1]["void_shapes"]
     assert found["on"] is on
     assert words in found["reason"]
 

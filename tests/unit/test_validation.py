@@ -289,7 +289,7 @@ def test_the_page_shows_the_benchmarks_whose_tables_are_there(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("k", "tail", "statuses"), [(1.02, 1.03, [SHOWN, SHOWN]), (0.8, 1.3, [NOT_SHOWN, NOT_SHOWN])]
+    ("k", "tail", "statuses"), [(0.07, 0.15, [SHOWN, SHOWN]), (-0.07, 0.0, [NOT_SHOWN, OPEN])]
 )
 def test_shapes_of_voids_are_judged_where_they_were_tried(k, tail, statuses):
     def over_truths(value, *where):
@@ -301,13 +301,15 @@ def test_shapes_of_voids_are_judged_where_they_were_tried(k, tail, statuses):
         over_truths(0.87, case, "full", "k_ratio"),
         over_truths(1.3, case, "full", "pore_r95_ratio"),
     ]
-    shaped = [
-        over_truths(k, case, "voids", "k_ratio"),
-        over_truths(tail, case, "voids", "pore_r95_ratio"),
+    left_round = [
+        over_truths(0.8, case, "round", "k_ratio"),
+        over_truths(1.45, case, "round", "pore_r95_ratio"),
+        over_truths(k, case, "round", "k_ratio_nearer"),
+        over_truths(tail, case, "round", "pore_r95_ratio_nearer"),
     ]
-    found = [c for c in claims(aggregate(pd.concat(rows + shaped))) if "shapes" in c.claim]
+    found = [c for c in claims(aggregate(pd.concat(rows + left_round))) if "shapes" in c.claim]
     assert [c.status for c in found] == statuses
-    assert "as spheres 0.87" in found[0].ours
+    assert "round 0.8" in found[0].ours
     assert not any("shapes" in c.claim for c in claims(aggregate(pd.concat(rows))))
 
 

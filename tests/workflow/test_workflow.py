@@ -141,33 +141,36 @@ def test_plan_says_why(finished):
 
 
 def test_virtual_spheres_take_the_shapes_of_voids(finished, tmp_path):
-    """Asked for by one variant: the grains and the first packing stay what they are to the byte."""
-    folder = shutil.copytree(finished, tmp_path / "shaped")
-    shaped = {"shaped": {"effects": {"void_shapes": "on"}}}
-    write_config(folder, changed(realizations=1, variants=shaped), "shaped.yaml")
-    made = folder / "results/tiny/shaped/0"
-    wanted = [(made / name).relative_to(folder) for name in ("metrics.csv", "plan.json", "contacts.csv")]
-    done = snakemake(folder, "--", *wanted, config="shaped.yaml")
-    assert done.returncode == 0, done.stdout[-6000:]
+    """Or stay round, where told to: grains and first packing are the same to the byte either way."""
+    folder, without = tmp_path / "shaped", tmp_path / "round"
+    for to, effects in ((folder, {"void_shapes": "on"}), (without, {"void_shapes": "off"})):
+        shutil.copytree(finished, to)
+        write_config(to, changed(realizations=1, variants={"other": {"effects": effects}}), "other.yaml")
+        wanted = [f"results/tiny/other/0/{name}" for name in ("metrics.csv", "plan.json", "contacts.csv")]
+        done = snakemake(to, "--", *wanted, config="other.yaml")
+        assert done.returncode == 0, done.stdout[-6000:]
+    made, plain = (f / "results/tiny/other/0" for f in (folder, without))
     before, after = (
         pd.read_csv(f / "results/tiny/grains3d/library.csv", float_precision="round_trip")
-        for f in (finished, folder)
+        for f in (without, folder)
     )
     pd.testing.assert_frame_equal(after[after.phase > 0], before)
     assert (after.phase[len(before) :] == 0).all()
     for name in ("first/bodies.csv", "virtual_spheres.csv"):
+        assert (made / name).read_bytes() == (plain / name).read_bytes()
         assert (made / name).read_bytes() == (twin(finished) / name).read_bytes()
     poured = pd.read_csv(made / "second/bodies.csv")
     held = poured["shape"] >= len(before)
     assert held.any()
     assert (poured.kind[held] == "virtual").all()
-    plain = pd.read_csv(twin(finished) / "second/bodies.csv")
-    assert (plain["shape"] < len(before)).all()
-    plan = json.loads((made / "plan.json").read_text())["void_shapes"]
-    assert plan["on"]
-    assert plan["forced"]
-    metrics = pd.read_csv(made / "metrics.csv").set_index("metric")["value"]
-    assert metrics["porosity"] == pytest.approx(TINY["scene"]["porosity"], abs=0.0005)
+    assert (pd.read_csv(plain / "second/bodies.csv")["shape"] < len(before)).all()
+    shaped, round_ = (json.loads((t / "plan.json").read_text())["void_shapes"] for t in (made, plain))
+    assert shaped["on"]
+    assert not round_["on"]
+    assert round_["forced"]
+    for t in (made, plain):
+        metrics = pd.read_csv(t / "metrics.csv").set_index("metric")["value"]
+        assert metrics["porosity"] == pytest.approx(TINY["scene"]["porosity"], abs=0.0005)
 
 
 def test_rock_too_dense_for_its_grains_is_cemented(finished, tmp_path):

@@ -227,7 +227,7 @@ def plan_deficit(
     voids: int = 0,
     switch: str = "auto",
     cement: str = "auto",
-    void_shapes: str = "off",
+    void_shapes: str = "auto",
     limit: float = 0.01,
 ) -> tuple[VirtualSizes, dict]:
     """What the first packing lacks of the target, and the virtual spheres that would make up for it.
@@ -309,16 +309,13 @@ def plan_deficit(
         reason,
         possible=(short > 0 or for_tail) and sizes.called_for,
     )
-    if void_shapes == "off":  # the default: nobody forced it, and no shapes were looked for
-        shaped = {"on": False, "forced": False, "called_for": False, "reason": "runs only where asked for"}
-    else:
-        holding = "virtual spheres hold" if spheres["on"] else "no virtual spheres hold"
-        shaped = decide(
-            void_shapes,
-            spheres["on"] and tail.exceeds and voids > 0,
-            f"{holding} voids open, of which the section gives {voids or 'no'} shapes; {tail.words}",
-            possible=spheres["on"] and voids > 0,
-        )
+    holding = "virtual spheres hold" if spheres["on"] else "no virtual spheres hold"
+    shaped = decide(
+        void_shapes,
+        spheres["on"] and tail.exceeds and voids > 0,
+        f"{holding} voids open, {voids or 'no'} shapes of the section's voids were made; {tail.words}",
+        possible=spheres["on"] and voids > 0,
+    )
     return sizes, {
         "porosity_first": float(porosity_first),
         "porosity_target": float(target_porosity),

@@ -69,6 +69,7 @@ MEASURED = (
 NEARER = {
     "no_inversion": ("w1_f3d",),
     "touching": ("surface_ratio", "k_ratio"),
+    "round": ("pore_r95_ratio", "k_ratio"),
     "tomogram": ("s2_gap", "w1_pores", "k_ratio"),
 }
 """What the full method is to come nearer to the truth in than these variants do."""
@@ -126,7 +127,7 @@ QUANTITIES: dict[str, Quantity] = {
     "s2_gap": Quantity("S₂ in 3D, largest distance to the truth's"),
     "pore_r_um": Quantity("network pore radius, mean by pore volume", "µm"),
     "pore_r95_um": Quantity("network pore radius below which 95 % of the pore volume lies", "µm"),
-    "pore_r95_ratio": Quantity("the same over the truth's"),
+    "pore_r95_ratio": Quantity("network pore radius (95 % by pore volume) over the truth's"),
     "circle_r95_um": Quantity(
         "pore circles on slices, radius below which 95 % of their area lies; truth: the section's",
         "µm",
