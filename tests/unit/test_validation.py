@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
+from matplotlib.figure import Figure
 from scipy import ndimage
 
 from grainfall import io, surface
@@ -343,3 +344,13 @@ def test_a_figure_asks_for_the_volumes_that_it_shows(tmp_path):
         (twin / name).touch()
         assert (cases.twin("berea") is None) == (name == "metrics.csv")
     assert cases.twin("berea", packings=True) is not None
+
+
+def test_large_pores_are_not_hidden_by_the_inset():
+    pores = {"pore_radius_um": np.array([10.0, 32.0, 50.0]), "pore_volume_um3": np.array([1.0, 1.0, 0.1])}
+    axes = Figure().subplots()
+    paper_figures._pore_sizes(axes, [([pores], "black", "-", "rock")], inset=True)
+    density, edges, _ = axes.patches[0].get_data()
+    large = density[edges[:-1] > 30].max()
+    assert large > 0.2
+    assert large <= 0.58 * axes.get_ylim()[1]  # where the inset begins
