@@ -547,18 +547,18 @@ def _pore_sizes(axes, volumes: Sequence[tuple], *, inset: bool = False) -> None:
     drawn = [(network.pooled_sizes(v), colour, style, name) for v, colour, style, name in volumes if v]
     edges = np.linspace(0, max(sizes["pore_radius_um"].max() for sizes, *_ in drawn), 26)
     panels = [axes, axes.inset_axes([0.5, 0.58, 0.5, 0.42])] if inset else [axes]
-    right = 0.0
+    beside = 0.0  # the highest curve below the inset and its labels
     for sizes, colour, style, name in drawn:
         held = sizes["pore_volume_um3"]
         density = np.histogram(sizes["pore_radius_um"], edges, weights=held)[0] / held.sum()
         density /= np.diff(edges)
-        right = max(right, density[edges[1:] > 0.3 * edges[-1]].max())
+        beside = max(beside, density[edges[1:] > 0.3 * edges[-1]].max())
         for each in panels:
             each.stairs(density, edges, color=colour, ls=style, lw=1.6, label=name)
     axes.set(xlabel="network pore radius (µm)", ylabel="share of pore volume (1/µm)")
-    axes.set(xlim=(0, edges[-1]), ylim=(0, 1.35 * axes.dataLim.ymax))  # the legend stands above the curves
-    if inset:  # and so does the inset, with its labels
-        axes.set(ylim=(0, max(axes.get_ylim()[1], right / 0.5)))
+    # legend and inset stand above the curves
+    axes.set(xlim=(0, edges[-1]), ylim=(0, max(1.35 * axes.dataLim.ymax, 2 * beside if inset else 0)))
+    if inset:
         panels[1].set(xlim=(0, edges[-1]), yscale="log", ylim=(1e-3 * axes.dataLim.ymax, None))
         panels[1].tick_params(labelsize=6)
         panels[1].yaxis.set_major_formatter("{x:g}")
