@@ -232,6 +232,14 @@ def test_values_are_those_stored_also_where_white_is_zero(tmp_path, compression)
     np.testing.assert_array_equal(read_section(tmp_path / "a.tif", "phases", 1, PHASES).phase, EXPECTED)
 
 
+@pytest.mark.parametrize("orientation", range(1, 9))
+@pytest.mark.parametrize("compression", ["raw", "tiff_lzw"])
+def test_values_are_where_they_are_stored_also_where_viewers_turn_them(tmp_path, compression, orientation):
+    image = Image.fromarray(VALUES)
+    image.save(tmp_path / "a.tif", compression=compression, tiffinfo={274: orientation})
+    np.testing.assert_array_equal(read_section(tmp_path / "a.tif", "phases", 1, PHASES).phase, EXPECTED)
+
+
 def test_palette_indices_are_labels_but_not_grey(tmp_path):
     image = Image.fromarray(EXPECTED.astype(np.uint8), mode="P")
     image.putpalette([0, 0, 0, 255, 0, 0, 0, 0, 255])

@@ -379,10 +379,20 @@ def _silent_libraries() -> Iterator[None]:
 
 def _read_tiff_pillow(path: Path, inverted: bool) -> np.ndarray:
     """TIFF whose compression (LZW, fax ...) tifffile leaves to an optional package."""
-    from PIL import Image, ImageSequence
+    from PIL import ExifTags, Image, ImageSequence
+
+    turn = Image.Transpose
+    ways = (turn.FLIP_LEFT_RIGHT, turn.ROTATE_180, turn.FLIP_TOP_BOTTOM, turn.TRANSPOSE)
+    ways += (turn.ROTATE_90, turn.TRANSVERSE, turn.ROTATE_270)
+    back = dict(enumerate(ways, 2))
+
+    def stored(frame: Image.Image) -> np.ndarray:
+        # Pillow turns what the file wants shown turned, as soon as it is loaded; tifffile does not
+        way = back.get(frame.tag_v2.get(ExifTags.Base.Orientation))
+        return np.array(frame if way is None else frame.transpose(way))
 
     with _unlimited_pillow(), _silent_libraries(), Image.open(path) as image:
-        frames = [np.array(frame) for frame in ImageSequence.Iterator(image)]
+        frames = [stored(frame) for frame in ImageSequence.Iterator(image)]
     volume = frames[0] if len(frames) == 1 else np.stack(frames)
     # Pillow shows 0 as white where the file asks for it; undo that, the stored values are the labels.
     return ~volume if inverted and volume.dtype in (bool, np.uint8) else volume
