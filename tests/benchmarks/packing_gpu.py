@@ -167,17 +167,29 @@ def porosity(pose: np.ndarray, hulls: list[np.ndarray], side: float, points: int
     reach = max(np.linalg.norm(hull, axis=1).max() for hull in hulls)
     near = cKDTree(sample).query_ball_point(pose[:, :3], reach)
     inside = np.zeros(points, bool)
-    for body, found in enumerate(near):
+    for grain, found in enumerate(near):
         if found:
-            plane = ConvexHull(hulls[body]).equations
-            local = rotate(sample[found] - pose[body, :3], pose[body, 3:] * [-1, -1, -1, 1])
+            plane = ConvexHull(hulls[grain]).equations
+            local = Rotation.from_quat(pose[grain, 3:]).inv().apply(sample[found] - pose[grain, :3])
             inside[found] |= (local @ plane[:, :3].T + plane[:, 3] <= 0).all(axis=1)
     return float(1 - inside.mean())
 
 
-def rotate(vectors: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
-    """Vectors (n, 3) turned by one quaternion, x y z w."""
-    return Rotation.from_quat(quaternion).apply(vectors)
+PARAMETERS = Parameters(hull_vertices=HULL_VERTICES)
+
+
+def body(shape) -> Solid:
+    """A grain as this project's engine takes it."""
+    mass = PARAMETERS.density * 4 / 3 * np.pi
+    return Solid(shape.parts, shape.bound, mass, PARAMETERS.density * shape.inertia)
+
+
+def drift(engine) -> tuple[float, float]:
+    """Mean way of the bodies in 300 steps, and CPU time of one of these, ms."""
+    before, cpu = engine.state().position, time.process_time()
+    engine.step(300)
+    cpu = time.process_time() - cpu
+    return float(np.linalg.norm(engine.state().position - before, axis=1).mean()), 1e3 * cpu / 300
 
 
 def judged(run: Path, folder: Path) -> dict:
@@ -201,54 +213,41 @@ def judged(run: Path, folder: Path) -> dict:
     }
     if len(pose) > MOST:
         return row
-    parameters = Parameters(hull_vertices=HULL_VERTICES)
-    mass = parameters.density * 4 / 3 * np.pi
-    engine = start(parameters, scene["side"], scene["side"])
+    engine = start(PARAMETERS, scene["side"], scene["side"])
     try:
         for shape, at, v in zip(solids, pose, velocity, strict=True):
-            solid = Solid(shape.parts, shape.bound, mass, parameters.density * shape.inertia)
-            engine.add(solid, at[:3], at[[6, 3, 4, 5]], v[:3], v[3:])
+            engine.add(body(shape), at[:3], at[[6, 3, 4, 5]], v[:3], v[3:])
         engine.step(1)
         overlap = max(0.0, -float(engine.contacts().gap.min()))
-        before, cpu = engine.state().position, time.process_time()
-        engine.step(300)
-        cpu = time.process_time() - cpu
-        way = np.linalg.norm(engine.state().position - before, axis=1)
+        creep, ms = drift(engine)
     finally:
         engine.close()
-    return row | {"overlap": overlap, "creep": float(way.mean()), "ms_per_step_here": 1e3 * cpu / 300}
+    return row | {"overlap": overlap, "creep": creep, "ms_per_step_here": ms}
 
 
-def dropped_here(n: int) -> dict:
+def dropped_here(n: int, steps: int = 1500) -> dict:
     """The row of the same layers in this project's engine."""
-    known, parameters, side = shapes(), Parameters(hull_vertices=HULL_VERTICES), 2 * width(n)
-    engine = start(parameters, side, side)
+    known, side = shapes(), 2 * width(n)
+    engine = start(PARAMETERS, side, side)
     hulls = []
-    begin, windows, steps, speed = time.process_time(), 15, 100, 0.0
     try:
         for place, quaternion, kind in layers(n, KINDS, np.random.default_rng(1)):
-            shape = known[kind]
-            hulls.append(shape.parts[0])
-            mass, inertia = parameters.density * 4 / 3 * np.pi, parameters.density * shape.inertia
-            engine.add(Solid(shape.parts, shape.bound, mass, inertia), place, quaternion)
-        for _ in range(windows):
-            engine.step(steps)
-        cpu = time.process_time() - begin
+            hulls.append(known[kind].parts[0])
+            engine.add(body(known[kind]), place, quaternion)
+        engine.step(steps)
         state, gap = engine.state(), engine.contacts().gap
-        speed = float(np.median(np.linalg.norm(state.velocity, axis=1)))
-        engine.step(300)
-        way = np.linalg.norm(engine.state().position - state.position, axis=1)
+        creep, ms = drift(engine)
     finally:
         engine.close()
     return {
         "n_grains": n,
         "run": f"{n}.here",
-        "steps": windows * steps,
-        "speed": speed,
-        "porosity": porosity(np.hstack([state.position, state.quaternion[:, [1, 2, 3, 0]]]), hulls, side),
+        "steps": steps,
+        "speed": float(np.median(np.linalg.norm(state.velocity, axis=1))),
+        "porosity": porosity(np.hstack([state.position, np.roll(state.quaternion, -1, axis=1)]), hulls, side),
         "overlap": max(0.0, -float(gap.min())),
-        "creep": float(way.mean()),
-        "ms_per_step_here": 1e3 * cpu / (windows * steps),
+        "creep": creep,
+        "ms_per_step_here": ms,
     }
 
 
