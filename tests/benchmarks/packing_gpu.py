@@ -28,16 +28,17 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import trimesh
 from engines import angular_grains
 from packing_speed import HULL_VERTICES, layers, width
-from scipy.spatial import ConvexHull, cKDTree
-from scipy.spatial.transform import Rotation
 
 from grainfall import io
+from grainfall.grains import Library
 from grainfall.packing import Parameters
 from grainfall.packing.engine import Solid, start
 from grainfall.packing.physx import PARTING
 from grainfall.packing.shapes import collision_shapes
+from grainfall.volume import voxelise
 
 KINDS, MOST = 40, 20_000
 KEPT = {"gpu": ("1", "GPU", "PCM"), "persistent": ("0", "SAP", "PCM"), "full": ("0", "SAP", "SAT")}
@@ -58,19 +59,14 @@ def usd(side: float, grains: list[dict], p: Parameters) -> str:
         'class Scope "Shapes" {',
     ]
     for k, shape in shapes().items():
-        points = shape.parts[0]
-        faces = ConvexHull(points).simplices
-        inside = points.mean(axis=0)
-        a, b, c = (points[faces[:, i]] for i in range(3))
-        turned = np.einsum("ij,ij->i", np.cross(b - a, c - a), a - inside) < 0
-        faces[turned] = faces[turned][:, ::-1]
+        hull = trimesh.convex.convex_hull(shape.parts[0])
         text.append(
             f'def Mesh "s{k}" (prepend apiSchemas = ["PhysicsRigidBodyAPI", "PhysxRigidBodyAPI", '
             '"PhysicsCollisionAPI", "PhysxCollisionAPI", "PhysicsMeshCollisionAPI", '
             '"PhysxConvexHullCollisionAPI", "PhysicsMassAPI", "MaterialBindingAPI"]) {\n'
-            f"int[] faceVertexCounts = {[3] * len(faces)}\n"
-            f"int[] faceVertexIndices = {faces.ravel().tolist()}\n"
-            f"point3f[] points = [{', '.join(f'({x:.7g}, {y:.7g}, {z:.7g})' for x, y, z in points)}]\n"
+            f"int[] faceVertexCounts = {[3] * len(hull.faces)}\n"
+            f"int[] faceVertexIndices = {hull.faces.ravel().tolist()}\n"
+            f"point3f[] points = [{', '.join(f'({x:.7g}, {y:.7g}, {z:.7g})' for x, y, z in hull.vertices)}]\n"
             'uniform token subdivisionScheme = "none"\n'
             'uniform token physics:approximation = "convexHull"\n'
             "int physxConvexHullCollision:hullVertexLimit = 64\n"
@@ -160,19 +156,16 @@ def write_scenes(folder: Path, numbers: list[int], parameters: Parameters) -> No
             (folder / f"{n}.{kind}.usda").write_text(scene)
 
 
-def porosity(pose: np.ndarray, hulls: list[np.ndarray], side: float, points: int = 40_000) -> float:
-    """By random points two diameters off walls and floor, up to two thirds of the bed's height."""
-    top = 2 / 3 * np.quantile(pose[:, 2], 0.99)
-    sample = np.random.default_rng(0).uniform([4, 4, 4], [side - 4, side - 4, top], (points, 3))
-    reach = max(np.linalg.norm(hull, axis=1).max() for hull in hulls)
-    near = cKDTree(sample).query_ball_point(pose[:, :3], reach)
-    inside = np.zeros(points, bool)
-    for grain, found in enumerate(near):
-        if found:
-            plane = ConvexHull(hulls[grain]).equations
-            local = Rotation.from_quat(pose[grain, 3:]).inv().apply(sample[found] - pose[grain, :3])
-            inside[found] |= (local @ plane[:, :3].T + plane[:, 3] <= 0).all(axis=1)
-    return float(1 - inside.mean())
+def porosity(pose: np.ndarray, kinds: list[int], side: float, voxel: float = 1 / 8) -> float:
+    """Off walls and floor by two diameters, up to two thirds of the bed's height."""
+    hulls = [trimesh.convex.convex_hull(shape.parts[0]) for shape in shapes().values()]
+    table = pd.DataFrame({"shape": range(KINDS), "phase": 1, "r2d_um": 1.0})
+    library = Library([h.vertices for h in hulls], [h.faces.astype(np.int32) for h in hulls], table)
+    bodies = pd.DataFrame(pose, columns=["x", "y", "z", "qx", "qy", "qz", "qw"])
+    bodies = bodies.assign(id=range(len(pose)), kind="grain", phase=1, shape=kinds, scale=1.0)
+    wide, high = side - 8, 2 / 3 * np.quantile(pose[:, 2], 0.99) - 4
+    phase, _ = voxelise(bodies, library, tuple(int(x / voxel) for x in (high, wide, wide)), voxel, (4, 4, 4))
+    return float((phase == 0).mean())
 
 
 PARAMETERS = Parameters(hull_vertices=HULL_VERTICES)
@@ -209,7 +202,7 @@ def judged(run: Path, folder: Path) -> dict:
         "ms_per_step": 1e3 * float(wall[-1]) / 100,
         "still": still,
         "speed": speed,
-        "porosity": porosity(pose, [shape.parts[0] for shape in solids], scene["side"]),
+        "porosity": porosity(pose, scene["shapes"], scene["side"]),
     }
     if len(pose) > MOST:
         return row
@@ -229,10 +222,10 @@ def dropped_here(n: int, steps: int = 1500) -> dict:
     """The row of the same layers in this project's engine."""
     known, side = shapes(), 2 * width(n)
     engine = start(PARAMETERS, side, side)
-    hulls = []
+    kinds = []
     try:
         for place, quaternion, kind in layers(n, KINDS, np.random.default_rng(1)):
-            hulls.append(known[kind].parts[0])
+            kinds.append(kind)
             engine.add(body(known[kind]), place, quaternion)
         engine.step(steps)
         state, gap = engine.state(), engine.contacts().gap
@@ -244,7 +237,7 @@ def dropped_here(n: int, steps: int = 1500) -> dict:
         "run": f"{n}.here",
         "steps": steps,
         "speed": float(np.median(np.linalg.norm(state.velocity, axis=1))),
-        "porosity": porosity(np.hstack([state.position, np.roll(state.quaternion, -1, axis=1)]), hulls, side),
+        "porosity": porosity(np.hstack([state.position, np.roll(state.quaternion, -1, axis=1)]), kinds, side),
         "overlap": max(0.0, -float(gap.min())),
         "creep": creep,
         "ms_per_step_here": ms,
