@@ -419,7 +419,8 @@ def _facts(r: Results) -> list[tuple[str, str]]:
     if about.get("n_grains") is not None:
         facts.append(("Grains in the section", tables.number(about["n_grains"])))
     for key, value in (about.get("notes") or {}).items():
-        facts.append((_words(key), _plain(value)))
+        words = _words(key)
+        facts.append((words[:1].upper() + words[1:], _plain(value)))
     scene = r.json("variant:scene.json") or {}
     twin = r.attributes("twin:twin.zarr.zip")
     if twin:
