@@ -15,6 +15,9 @@ with stage(snakemake) as progress, checkpoints(snakemake) as folder:
     if first_report["refinement"]["on"]:
         parameters = parameters.refined()
 
+    shaped = deficit["void_shapes"]["on"]
+    void_scale = 1.0
+
     def pour_with(p_sphere, lubrication):
         progress.say(f"sphere probability {p_sphere:.4f}, friction times {lubrication:.3g}")
         return packing.pack(
@@ -28,7 +31,8 @@ with stage(snakemake) as progress, checkpoints(snakemake) as folder:
             ),
             spheres=spheres,
             p_sphere=p_sphere,
-            void_shapes=deficit["void_shapes"]["on"],
+            void_shapes=shaped,
+            void_scale=void_scale,
             rest=False,
             progress=progress,
             checkpoints=folder,
@@ -46,6 +50,17 @@ with stage(snakemake) as progress, checkpoints(snakemake) as folder:
         progress.say(f"porosity {porosity:.4f}, wanted {deficit['overgrowth']['porosity']:.4f}")
         return porosity
 
+    voids = None
+    if shaped:
+        voids = packing.size_voids(
+            deficit,
+            lambda p_sphere: pour_with(p_sphere, 1.0),
+            lambda bodies: volume.void_width(bodies, library, scene["shape_zyx"], scene["voxel_size_um"]),
+            porosity_of,
+        )
+        void_scale = voids["scale"]
+        deficit["virtual_spheres"]["p_sp"] = voids["p_sp"]
+        progress.say(f"voids as wide as their spheres at {void_scale:.3f} times their radii")
     bodies, report = packing.pack_again(
         deficit,
         pour_with,
@@ -57,4 +72,4 @@ with stage(snakemake) as progress, checkpoints(snakemake) as folder:
     )
     io.write_table(snakemake.output.bodies, bodies)
     io.write_table(snakemake.output.forces, report.pop("forces"))
-    io.write_json(snakemake.output.packing, report)
+    io.write_json(snakemake.output.packing, {**report, "voids": voids})

@@ -137,8 +137,8 @@ def test_large_virtual_spheres_take_the_shapes_of_voids_and_keep_their_volumes()
     voids = pd.DataFrame({"shape": 1000 + np.arange(9), "phase": 0, "r2d_um": 10.0 + np.arange(9)})
     library.table = pd.concat([library.table, voids], ignore_index=True)
     plain, shaped = (
-        draw_population(replace(mix, void_shapes=on), library, 4e8, np.random.default_rng(0))
-        for on in (False, True)
+        draw_population(replace(mix, void_from_um=least), library, 4e8, np.random.default_rng(0))
+        for least in (np.inf, 10.0)
     )
     held = shaped["shape"] >= 1000
     assert (held == ((plain["kind"] == "virtual") & (plain["scale"] >= 10))).all()
@@ -146,6 +146,23 @@ def test_large_virtual_spheres_take_the_shapes_of_voids_and_keep_their_volumes()
     pd.testing.assert_frame_equal(plain.drop(columns="shape"), shaped.drop(columns="shape"))
     assert (plain["shape"][~held] == shaped["shape"][~held]).all()
     assert plain["shape"].max() < 1000
+
+
+def test_bodies_in_the_shapes_of_voids_are_poured_smaller_and_their_volume_counts():
+    library, mix = Library(), mixture(spheres=Uniform(5, 15), p_sphere=0.4, void_from_um=10.0)
+    voids = pd.DataFrame({"shape": 1000 + np.arange(9), "phase": 0, "r2d_um": 10.0 + np.arange(9)})
+    library.table = pd.concat([library.table, voids], ignore_index=True)
+    small = replace(mix, void_scale=0.8)
+    drawn = draw_population(small, library, 4e8, np.random.default_rng(0))
+    held, virtual = drawn["shape"] >= 1000, drawn["kind"] == "virtual"
+    assert drawn["scale"][held].between(8, 12).all()
+    assert drawn["scale"][virtual & ~held].between(5, 10).all()
+    radii = np.linspace(5, 15, 100001)
+    volumes = 4 / 3 * np.pi * np.where(radii < 10, radii, 0.8 * radii) ** 3
+    assert small.mean_sphere_volume == pytest.approx(volumes.mean(), rel=1e-3)
+    # whether one is a void goes by the size of the void, not by that of the body
+    assert held[virtual].mean() == pytest.approx(0.5, abs=0.01)
+    assert 4 / 3 * np.pi * (drawn["scale"] ** 3).sum() == pytest.approx(4e8, rel=0.03)
 
 
 def test_no_inversion_uses_apparent_sizes():

@@ -500,6 +500,31 @@ def test_vugs_that_leave_the_porosity_short_are_corrected_by_feedback():
     assert report["reached"]
 
 
+# ---- voids
+
+
+@pytest.mark.parametrize("width", [0.9, 1.0, 1.12, None])
+def test_bodies_of_voids_are_scaled_by_the_width_found_and_hold_as_much_open(width):
+    """In a bed whose solid is what its bodies' volume leaves, the next guess meets the target at once."""
+    bed, plan = Bed(0.35, c=0.5), deficit(0.35)[1]
+    found = packing.size_voids(plan, lambda p: bed.pour(p, 1.0), lambda bodies: width, bed.porosity)
+    assert bed.poured == [(plan["virtual_spheres"]["p_sp"], 1.0)]
+    assert found["width"] == width
+    assert found["scale"] == pytest.approx(1 / (width or 1.0))
+    assert found["wall_s"] == 2.0
+    scaled = Bed(0.35, c=0.5 * found["scale"] ** 3)
+    bodies, _ = scaled.pour(found["p_sp"], 1.0)
+    assert scaled.porosity(bodies[bodies["kind"] == "grain"]) == pytest.approx(0.4, abs=1e-9)
+
+
+def test_voids_of_the_tail_keep_their_share():
+    plan = deficit(0.42, tail=VUGS)[1]
+    bed, p = Bed(0.42), plan["virtual_spheres"]["p_sp"]
+    found = packing.size_voids(plan, lambda p: bed.pour(p, 1.0), lambda bodies: 1.1, bed.porosity)
+    odds = found["p_sp"] / (1 - found["p_sp"]) * found["scale"] ** 3
+    assert odds == pytest.approx(p / (1 - p))
+
+
 # ---- refinement
 
 
@@ -573,7 +598,9 @@ def test_plan_gives_reason_and_cost_or_saving_of_every_effect():
     scaling = {"applied": True, "forced": False, "reason": "positions scaled", "wall_s": 4.0, "passes": 4}
     cement = {**packing.decide("off", False, "no need"), "wall_s": 0.0}
     cement["compaction"] = {**packing.decide("auto", False, "there are no rims"), "wall_s": 0.0}
-    found = packing.effects_plan(scene(), first, plan, {**second, "largest": 6.5}, scaling, cement)
+    found = packing.effects_plan(
+        scene(), first, plan, {**second, "largest": 6.5, "voids": None}, scaling, cement
+    )
     assert all(effect["reason"] for effect in found.values())
     optional = (
         "decomposition refinement weight_limit phase_mixing virtual_spheres densification position_scaling"

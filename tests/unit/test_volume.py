@@ -447,3 +447,51 @@ def test_a_failed_image_leaves_nothing_behind(tmp_path, monkeypatch):
     with pytest.raises(OSError, match="no space"):
         volume.export_vti(tmp_path / "a.vti", {"phase": np.zeros((2, 2, 2), np.uint8)}, 1.0)
     assert not list(tmp_path.iterdir())
+
+
+# ---- voids
+
+
+def cavity(half, radius, kind="virtual"):
+    """Six slabs about a cubic cavity of a region 60 wide, and a ball in its middle."""
+    ball = trimesh.creation.icosphere(4)
+    slabs, where = [], []
+    for axis in range(3):
+        sides = np.full(3, 60.0)
+        sides[axis] = 30.0 - half
+        for sign in (-1, 1):
+            slabs.append(trimesh.creation.box(sides))
+            at = np.full(3, 30.0)
+            at[axis] += sign * (half + sides[axis] / 2)
+            where.append(at)
+    library = SimpleNamespace(
+        vertices=[np.array(m.vertices) for m in (ball, *slabs)],
+        faces=[np.array(m.faces) for m in (ball, *slabs)],
+    )
+    rows = [(i + 1, 1.0, at) for i, at in enumerate(where)]
+    ball_row = (0, radius, (30.0, 30.0, 30.0), (1.0, 0.0, 0.0, 0.0), 0 if kind == "virtual" else 1, kind)
+    return bodies_of([ball_row, *rows]), library
+
+
+@pytest.mark.parametrize(("half", "radius"), [(12.0, 10.0), (15.0, 10.0), (20.0, 18.0)])
+def test_void_width_of_a_cubic_cavity(half, radius):
+    """Every plane sees the circle of the square; those of the ball have π/4 of its radius on average."""
+    bodies, library = cavity(half, radius)
+    found = volume.void_width(bodies, library, (120, 120, 120), 0.5)
+    assert found == pytest.approx(half / (np.pi / 4 * radius), rel=0.03)
+
+
+def test_void_width_is_told_by_whole_voids_alone():
+    bodies, library = cavity(12.0, 10.0)
+    alone = volume.void_width(bodies, library, (120, 120, 120), 0.5)
+    cut = bodies.iloc[[0]].assign(id=99, x=5.0)
+    assert volume.void_width(pd.concat([bodies, cut]), library, (120, 120, 120), 0.5) == alone
+    assert volume.void_width(bodies.assign(x=bodies["x"] - 25), library, (120, 120, 120), 0.5) is None
+    assert volume.void_width(bodies.iloc[1:], library, (120, 120, 120), 0.5) is None
+    round_ = bodies.assign(shape=bodies["shape"].where(bodies["kind"] == "grain", -1))
+    assert volume.void_width(round_, library, (120, 120, 120), 0.5) is None
+
+
+def test_void_width_without_a_grain_is_finite():
+    bodies, library = cavity(12.0, 10.0)
+    assert np.isfinite(volume.void_width(bodies.iloc[:1], library, (120, 120, 120), 0.5))

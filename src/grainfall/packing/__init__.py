@@ -42,6 +42,7 @@ __all__ = [
     "pore_tail",
     "poured_grains",
     "settle",
+    "size_voids",
     "sphere_probability",
     "virtual_sizes",
 ]
@@ -53,7 +54,16 @@ def __getattr__(name: str):
         import grainfall.packing.deposition as late
     elif name in ("RESETTLED", "moved_share", "settle"):
         import grainfall.packing.rest as late
-    elif name in ("box_of", "let_rest", "pack", "pack_again", "pack_first", "parameters_of", "plan_deficit"):
+    elif name in (
+        "box_of",
+        "let_rest",
+        "pack",
+        "pack_again",
+        "pack_first",
+        "parameters_of",
+        "plan_deficit",
+        "size_voids",
+    ):
         import grainfall.packing.stages as late
     else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -101,8 +101,10 @@ class Mixture:
         Radii of the virtual spheres.
     p_sphere : float
         Probability that the next body is a virtual sphere.
-    void_shapes : bool
-        Whether virtual spheres as large as the voids of the library take their shapes, volumes kept.
+    void_from_um : float
+        Radius from which virtual spheres take the shapes of the library's voids; by default none does.
+    void_scale : float
+        Radius (of equal volume) of a body that takes one, over that of its sphere.
     """
 
     sizes: Mapping[int, Sizes]
@@ -110,7 +112,8 @@ class Mixture:
     which: str = "f3d"
     spheres: Sizes | None = None
     p_sphere: float = 0.0
-    void_shapes: bool = False
+    void_from_um: float = np.inf
+    void_scale: float = 1.0
 
     @property
     def phases(self) -> list[int]:
@@ -130,7 +133,8 @@ class Mixture:
 
     def _radii(self, sizes: Sizes, u: np.ndarray) -> np.ndarray:
         if sizes is self.spheres:
-            return np.asarray(sizes.quantile(u), float)
+            radii = np.asarray(sizes.quantile(u), float)
+            return np.where(radii < self.void_from_um, radii, self.void_scale * radii)
         radii = np.asarray(sizes.quantile(u, self.which), float)
         return np.maximum(radii, DUST * sizes.quantile(np.array([0.5]), self.which))
 
@@ -206,12 +210,12 @@ def draw_population(mixture: Mixture, library, volume_um3: float, rng: np.random
         scale[mine] = mixture._radii(size, u)
         if c < len(phases):
             shape[mine] = _shapes(library.table, phases[c], scale[mine], rng)
-        elif mixture.void_shapes:
+        elif np.isfinite(mixture.void_from_um):
             from grainfall.grains import VOID  # here: to plan a scene takes no grains
 
-            smallest = library.table.loc[library.table["phase"] == VOID, "r2d_um"].min()
-            large = mine[scale[mine] >= smallest]
-            shape[large] = _shapes(library.table, VOID, scale[large], rng)
+            radii = size.quantile(u)
+            large = radii >= mixture.void_from_um
+            shape[mine[large]] = _shapes(library.table, VOID, radii[large], rng)
     virtual = component == len(phases)
     return pd.DataFrame(
         {

@@ -94,7 +94,7 @@ def effects_plan(
         "weight_limit": _weight_limit(first, second),
         "phase_mixing": _entry(scene["phase_mixing"]),
         "virtual_spheres": _entry(deficit["virtual_spheres"], cost_s=_seconds(spheres), saved_s=once),
-        "void_shapes": _entry(deficit["void_shapes"]),
+        "void_shapes": _void_shapes(deficit["void_shapes"], second["voids"]),
         "densification": _entry(second["densification"], cost_s=_seconds(lubricated), saved_s=once),
         "position_scaling": _entry(
             {**scaling, "on": scaling["applied"]}, cost_s=scaling["wall_s"], saved_s=voxelising
@@ -113,6 +113,18 @@ def _weight_limit(first: Mapping, second: Mapping) -> dict:
         {"on": largest >= limit, "forced": limit != Parameters.heavy},
         f"the largest body has {largest:.2f} mean grain radii; from {limit:g} on, bodies weigh no more",
     )
+
+
+def _void_shapes(shaped: Mapping, voids: Mapping | None) -> dict:
+    if voids is None:
+        return _entry(shaped)
+    found = "no void lay in the region as a whole, so volumes were kept"
+    if voids["width"] is not None:
+        found = (
+            f"voids came out {voids['width']:.3f} times as wide as spheres of their bodies' volumes, so "
+            f"bodies were poured {voids['scale']:.3f} times as wide"
+        )
+    return _entry(shaped, f"{shaped['reason']}; {found}", voids["wall_s"])
 
 
 def _seconds(passes: Iterable[Mapping]) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from grainfall.errors import InputError
-from grainfall.grains import Library
+from grainfall.grains import VOID, Library
 from grainfall.packing.densify import match_density
 from grainfall.packing.deposition import Box, deposit, solid_fraction
 from grainfall.packing.mixing import Mixture, draw_zones
@@ -74,6 +74,7 @@ def pack(
     spheres: VirtualSizes | None = None,
     p_sphere: float = 0.0,
     void_shapes: bool = False,
+    void_scale: float = 1.0,
     rest: bool = True,
     progress: Callable[[str], None] | None = None,
     checkpoints: Path | None = None,
@@ -94,6 +95,8 @@ def pack(
         Probability that the next body is one of them.
     void_shapes : bool
         Whether those as large as the voids of the library take their shapes.
+    void_scale : float
+        Radius (of equal volume) of such a body over that of its sphere: see :func:`size_voids`.
     rest : bool
         Whether they are set free at the end until they rest; :func:`let_rest` does it later.
     progress : callable, optional
@@ -120,7 +123,8 @@ def pack(
         scene["sizes_from"],
         spheres if p_sphere > 0 else None,
         p_sphere,
-        void_shapes,
+        library.table.loc[library.table["phase"] == VOID, "r2d_um"].min() if void_shapes else np.inf,
+        void_scale,
     )
     box = box_of(scene)
     share = scene["edge_um"] ** 2 / np.prod(box.sides_um)
@@ -344,6 +348,57 @@ def plan_deficit(
             else 0.0,
         },
         "void_shapes": shaped,
+    }
+
+
+def size_voids(
+    deficit: Mapping,
+    pour: Callable[[float], Packing],
+    width_of: Callable[[pd.DataFrame], float | None],
+    porosity_of: Callable[[pd.DataFrame], float],
+) -> dict:
+    """How large to pour bodies in the shapes of voids, for voids as wide as their spheres were to be.
+
+    Grains touch such a body here and there and leave gaps between, so the void that it leaves is wider than a
+    sphere of its volume. The section's circles were unfolded as if voids were spheres: it is the circles on
+    sections that have to agree. They are found on a packing of bodies with the volumes of the spheres; bodies
+    are then poured smaller by the width found, and as many as hold as much open.
+
+    Parameters
+    ----------
+    deficit : mapping
+        As :func:`plan_deficit` gives it.
+    pour : callable
+        Probability of a sphere to (bodies, report) as poured, with volumes kept.
+    width_of : callable
+        Bodies to the width of their voids over that of their spheres (:func:`grainfall.volume.void_width`).
+    porosity_of : callable
+        Grains alone to their porosity.
+
+    Returns
+    -------
+    dict
+        width (None where no void could be measured), scale (1 / width), p_sp (next guess of the probability),
+        porosity and wall_s (of that packing).
+    """
+    spheres = deficit["virtual_spheres"]
+    bodies, report = pour(spheres["p_sp"])
+    width = width_of(bodies)
+    scale = 1.0 if width is None else 1.0 / width
+    porosity = float(porosity_of(bodies[bodies["kind"] == "grain"]))
+    odds = spheres["p_sp"] / (1 - spheres["p_sp"]) / scale**3
+    if not spheres["for_tail"] and porosity > deficit["porosity_first"]:
+        # 1 / (1 - porosity) is nearly linear in the odds: see match_porosity
+        loose, found, wanted = (
+            1 / (1 - phi) for phi in (deficit["porosity_first"], porosity, deficit["overgrowth"]["porosity"])
+        )
+        odds *= (wanted - loose) / (found - loose)
+    return {
+        "width": width,
+        "scale": scale,
+        "p_sp": odds / (1 + odds),
+        "porosity": porosity,
+        "wall_s": report["wall_s"],
     }
 
 

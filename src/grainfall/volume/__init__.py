@@ -8,6 +8,7 @@ from grainfall.volume.export import export_metaimage, export_raw, export_vti
 from grainfall.volume.finish import finish, make_room, size_factor, write_twin
 from grainfall.volume.measures import adjacent_pairs, describe, euler_number, porosity
 from grainfall.volume.scan import VIRTUAL, packed_porosity, voxelise, voxelise_slabs
+from grainfall.volume.voids import void_width
 
 __all__ = [
     "VIRTUAL",
@@ -31,6 +32,7 @@ __all__ = [
     "porosity",
     "read_pore_space",
     "size_factor",
+    "void_width",
     "voxelise",
     "voxelise_slabs",
     "with_rims",
