@@ -70,8 +70,9 @@ TEXTS = {
         "Left: pore-circle radii unfolded to 3D, of the section and of the first packing, by the volume that "
         "equally many spheres of either have, over that of the section's. Right: their difference, and the "
         "part of it above zero in the unfolding's own, narrower bins: the sizes that virtual spheres got, "
-        "but for those that hold nothing open or do not fit. Bodies in the shapes of voids are poured smaller, "
-        "so that their voids have these sizes. The axis ends where 99.9 % of either volume are shown.",
+        "but for those that hold nothing open or do not fit. Bodies in the shapes of voids are poured "
+        "smaller, so that their voids have these sizes. The axis ends where 99.9 % of either volume are "
+        "shown.",
         "Histograms of pore-circle radii: target and first packing, their difference, and the sizes used.",
         "No virtual spheres were called for: the first packing is porous enough.",
     ),
