@@ -5,12 +5,14 @@ from __future__ import annotations
 import edt
 import numpy as np
 import pandas as pd
-from scipy import ndimage
 
 from grainfall.volume.scan import Meshes, voxelise
 
 EVERY = 2
 """Voxels from one plane to the next: circles of neighbours are all but the same."""
+
+WINDOW = 2.5
+"""Half the edge of what is looked at about a body, in radii of its sphere: circles reach no farther."""
 
 
 def void_width(
@@ -20,7 +22,8 @@ def void_width(
 
     On planes across each of the three axes: the largest circle between the grains whose centre lies in the
     body, over the circle in which the plane cuts a sphere of the body's volume about its centre. The
-    first are summed over the second, so that wide voids count most.
+    first are summed over the second, so that wide voids count most. Voids are looked at one by one, so no
+    volume is held as a whole.
 
     Parameters
     ----------
@@ -34,29 +37,30 @@ def void_width(
     Returns
     -------
     float or None
-        None where no such body's sphere lies in the region as a whole: beyond it grains are not seen.
+        None where no such body's sphere lies in the region as a whole.
     """
-    centre, radius = bodies[["z", "y", "x"]].to_numpy(float), bodies["scale"].to_numpy(float)
-    edges = np.asarray(shape, int) * voxel_size_um
+    centre, radius = bodies[["x", "y", "z"]].to_numpy(float), bodies["scale"].to_numpy(float)
+    edges = np.asarray(shape[::-1], int) * voxel_size_um
     whole = ((centre >= radius[:, None]) & (centre <= edges - radius[:, None])).all(axis=1)
-    shaped = (bodies["kind"] == "virtual").to_numpy() & (bodies["shape"] >= 0).to_numpy() & whole
-    if not shaped.any():
-        return None
-    pore = voxelise(bodies[bodies["kind"] == "grain"], library, shape, voxel_size_um)[0] == 0
-    held = bodies[shaped].assign(id=np.arange(shaped.sum()))
-    body = voxelise(held, library, shape, voxel_size_um)[1]
-    centre, radius = centre[shaped], radius[shaped]
+    grain = (bodies["kind"] == "grain").to_numpy()
+    widest = np.array([np.linalg.norm(v, axis=1).max() for v in library.vertices])
+    reach = radius * np.where(bodies["shape"] < 0, 1.0, widest[bodies["shape"]])
     circles = discs = 0.0
-    for axis in range(3):
-        for plane in range(0, shape[axis], EVERY):
-            height = (plane + 0.5) * voxel_size_um - centre[:, axis]
-            cut = np.flatnonzero(np.abs(height) < radius)
-            if not len(cut):
-                continue
-            at = (slice(None),) * axis + (plane,)
-            # from the centre of a voxel to the face of the nearest of a grain; the edge hides what is beyond
-            clearance = edt.edt(np.ascontiguousarray(pore[at]), black_border=False, parallel=1) - 0.5
-            clearance = np.minimum(clearance, max(pore[at].shape)) * voxel_size_um
-            circles += ndimage.maximum(clearance, body[at], cut + 1).sum()
-            discs += np.sqrt(radius[cut] ** 2 - height[cut] ** 2).sum()
-    return float(circles / discs)
+    for i in np.flatnonzero(~grain & (bodies["shape"] >= 0).to_numpy() & whole):
+        half = int(np.ceil(WINDOW * radius[i] / voxel_size_um))
+        origin = centre[i] - half * voxel_size_um
+        near = grain & (np.abs(centre - centre[i]) <= half * voxel_size_um + reach[:, None]).all(axis=1)
+        pore, held = (
+            voxelise(bodies[some], library, (2 * half,) * 3, voxel_size_um, tuple(origin))[0]
+            for some in (near, np.arange(len(bodies)) == i)
+        )
+        height = (np.arange(2 * half) + 0.5 - half) * voxel_size_um
+        for plane in np.flatnonzero(np.abs(height) < radius[i])[::EVERY]:
+            discs += 3 * np.sqrt(radius[i] ** 2 - height[plane] ** 2)
+            for axis in range(3):
+                free, inside = (np.ascontiguousarray(v.take(plane, axis)) for v in (pore == 0, held > 0))
+                if inside.any():
+                    # from the centre of a voxel to the face of the nearest of a grain
+                    clearance = edt.edt(free, black_border=False, parallel=1)[inside].max() - 0.5
+                    circles += min(float(clearance), half) * voxel_size_um
+    return circles / discs if discs else None
