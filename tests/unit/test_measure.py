@@ -110,7 +110,7 @@ def test_circles_hold_no_solid_and_fill_their_pores(seed):
 @given(st.integers(0, 2**32 - 1))
 def test_circles_of_a_turned_image_are_the_same_circles(seed):
     """Of a pore with several equally deep pixels, as a channel has, it does not matter which comes first."""
-    noise = np.random.default_rng(seed).normal(size=(80, 60))
+    noise = np.random.default_rng(seed).normal(size=(240, 180))
     labels = split_pores((gaussian_filter(noise, 3, mode="wrap") > 0).astype(np.uint8))
     as_is = inscribed_circles(labels, 1.0)
     for turned in (labels[::-1], labels[:, ::-1], labels.T):

@@ -343,7 +343,7 @@ def test_page_says_every_metric_and_what_missed(page, tree):
     assert "porosity 0.36 < 0.40" in text
     assert "s2_slices" in text
     assert "12.5 µm, so that a grain is of order 1" in text
-    assert "thresholds 17, 91" in text
+    assert "Thresholds 17, 91" in text
 
 
 def test_page_has_the_same_bytes_twice(page, tree):
