@@ -517,6 +517,14 @@ def test_bodies_of_voids_are_scaled_by_the_width_found_and_hold_as_much_open(wid
     assert scaled.porosity(bodies[bodies["kind"] == "grain"]) == pytest.approx(0.4, abs=1e-9)
 
 
+@pytest.mark.parametrize("opened", [0.3, 0.35, 1.0])
+def test_bodies_of_voids_that_open_nothing_or_everything_leave_a_probability(opened):
+    bed, plan = Bed(0.35), deficit(0.35)[1]
+    found = packing.size_voids(plan, lambda p: bed.pour(p, 1.0), lambda bodies: 1.1, lambda grains: opened)
+    assert 0 < found["p_sp"] < 1
+    assert (found["p_sp"] > plan["virtual_spheres"]["p_sp"]) == (opened < 0.4)
+
+
 def test_voids_of_the_tail_keep_their_share():
     plan = deficit(0.42, tail=VUGS)[1]
     bed, p = Bed(0.42), plan["virtual_spheres"]["p_sp"]

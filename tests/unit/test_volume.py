@@ -452,7 +452,7 @@ def test_a_failed_image_leaves_nothing_behind(tmp_path, monkeypatch):
 # ---- voids
 
 
-def cavity(half, radius, kind="virtual"):
+def cavity(half, radius):
     """Six slabs about a cubic cavity of a region 60 wide, and a ball in its middle."""
     ball = trimesh.creation.icosphere(4)
     slabs, where = [], []
@@ -469,7 +469,7 @@ def cavity(half, radius, kind="virtual"):
         faces=[np.array(m.faces) for m in (ball, *slabs)],
     )
     rows = [(i + 1, 1.0, at) for i, at in enumerate(where)]
-    ball_row = (0, radius, (30.0, 30.0, 30.0), (1.0, 0.0, 0.0, 0.0), 0 if kind == "virtual" else 1, kind)
+    ball_row = (0, radius, (30.0, 30.0, 30.0), (1.0, 0.0, 0.0, 0.0), 0, "virtual")
     return bodies_of([ball_row, *rows]), library
 
 

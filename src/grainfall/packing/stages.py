@@ -19,9 +19,11 @@ from grainfall.packing.plan import decide
 from grainfall.packing.rest import settle
 from grainfall.packing.tail import PoreTail
 from grainfall.packing.virtual import (
+    EMPTY,
     THROAT,
     VirtualSizes,
     match_porosity,
+    next_odds,
     sphere_probability,
     virtual_sizes,
 )
@@ -386,13 +388,14 @@ def size_voids(
     width = width_of(bodies)
     scale = 1.0 if width is None else 1.0 / width
     porosity = float(porosity_of(bodies[bodies["kind"] == "grain"]))
-    odds = spheres["p_sp"] / (1 - spheres["p_sp"]) / scale**3
-    if not spheres["for_tail"] and porosity > deficit["porosity_first"]:
-        # 1 / (1 - porosity) is nearly linear in the odds: see match_porosity
-        loose, found, wanted = (
-            1 / (1 - phi) for phi in (deficit["porosity_first"], porosity, deficit["overgrowth"]["porosity"])
+    odds = spheres["p_sp"] / (1 - spheres["p_sp"])
+    if not spheres["for_tail"]:
+        first, found, wanted = (
+            1 / (1 - min(phi, EMPTY))
+            for phi in (deficit["porosity_first"], porosity, deficit["overgrowth"]["porosity"])
         )
-        odds *= (wanted - loose) / (found - loose)
+        odds = next_odds([(0.0, first), (odds, found)], wanted)
+    odds /= scale**3
     return {
         "width": width,
         "scale": scale,

@@ -273,7 +273,7 @@ def match_porosity(
         if abs(porosity - target) <= tolerance:
             break
         points.append((p / (1 - p), 1 / (1 - min(porosity, EMPTY))))
-        odds = _next_odds(points, aim)
+        odds = next_odds(points, aim)
         p, last = min(odds / (1 + odds), P_MOST), p
         if abs(p - last) < 1e-9:
             break
@@ -290,7 +290,7 @@ P_MOST = 0.999
 """Largest p_sphere tried: spheres may be many and small, but grains must be poured too."""
 
 
-def _next_odds(points: list[tuple[float, float]], aim: float) -> float:
+def next_odds(points: list[tuple[float, float]], aim: float) -> float:
     """Odds at which the line through the two points about ``aim`` (else the last two) meets it."""
     below = [q for q in points if q[1] <= aim]
     above = [q for q in points if q[1] > aim]
