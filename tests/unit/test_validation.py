@@ -19,7 +19,9 @@ from grainfall.report.tables import t_interval
 from grainfall.report.validation import (
     COLUMNS,
     PAPER,
+    REFERENCE_ENVELOPE,
     _nearer,
+    _of_envelope,
     aggregate,
     berea_slices,
     describe,
@@ -170,6 +172,49 @@ def test_what_one_slice_says_is_judged_by_all_slices(spread, status):
         for q in ("k_any_slice", "k_any_slice_surface")
     ]
     assert next(c for c in claims(pd.DataFrame(rows)) if "single slice" in c.claim).status == status
+
+
+@pytest.mark.parametrize(
+    ("by", "status"),
+    [
+        ({"a": [0.01], "b": [0.0], "c": [-0.01]}, SHOWN),
+        ({"a": [0.2], "b": [0.21], "c": [0.19]}, NOT_SHOWN),
+        ({"a": [0.1], "b": [0.0], "c": [0.05]}, OPEN),
+        ({"a": [0.01]}, OPEN),  # a single section shows nothing
+    ],
+)
+def test_sections_are_told_from_twins_by_more_than_from_their_truth(by, status):
+    told = figures(
+        {s: [0.1 + d for d in own] for s, own in by.items()}, "xct", "full", "s2_windows_rejected", 0.1
+    )
+    more = figures(by, "xct", "full", "s2_windows_excess", 0.0)
+    p = figures({s: [0.5] for s in by}, "xct", "full", "s2_envelope_p", 0.5)
+    (claim,) = (c for c in claims(aggregate(pd.concat([told, more, p]))) if "windows" in c.claim)
+    assert claim.status == status
+    assert "from slices of the truth 0.1" in claim.ours
+    assert not any("windows" in c.claim for c in claims(aggregate(pd.concat([told, p]))))
+
+
+def test_the_truths_own_slices_are_what_there_is_to_be_reached(tmp_path):
+    def write(name, p, rejected, n_windows=9):
+        test = {"p": p, "windows_rejected": rejected, "alpha": 0.05, "n_windows": n_windows}
+        io.write_json(tmp_path / name, test)
+
+    twins, own = tmp_path / "full/s2_envelope.json", tmp_path / REFERENCE_ENVELOPE
+    assert _of_envelope(twins, tmp_path) == {}
+    write("full/s2_envelope.json", 0.03, 0.2)
+    assert _of_envelope(twins, tmp_path) == {
+        "s2_envelope_p": (0.03, None),
+        "s2_windows_rejected": (0.2, 0.05),
+    }
+    write(REFERENCE_ENVELOPE, 0.04, 0.1)
+    found = _of_envelope(twins, tmp_path)
+    assert found["s2_envelope_p"] == (0.03, 0.04)
+    assert found["s2_windows_rejected"] == (0.2, 0.1)
+    assert found["s2_windows_excess"] == (pytest.approx(0.1), 0.0)
+    assert _of_envelope(own, tmp_path) == {"s2_envelope_p": (0.04, None), "s2_windows_rejected": (0.1, 0.05)}
+    write("full/s2_envelope.json", 0.03, 0.0, n_windows=1)
+    assert _of_envelope(twins, tmp_path) == {"s2_envelope_p": (0.03, 0.04)}
 
 
 def test_slices_of_a_volume():

@@ -12,7 +12,7 @@ import pytest
 import tifffile
 
 from conftest import TINY, planned, snakemake, write_config
-from grainfall.io import read_volume
+from grainfall.io import read_json, read_volume
 from grainfall.report.validation import COLUMNS, validation_table
 
 pytestmark = pytest.mark.xdist_group("cases")
@@ -66,6 +66,14 @@ def test_a_truth_is_the_mean_of_its_cubes_and_a_tomogram_is_held_against_its_own
     seen = table.loc[("xct", "section", "surface_section"), "mean"]
     assert full.loc["k_at_equal_surface", "mean"] == pytest.approx(full.loc["k_ratio", "mean"] * seen**2)
     assert table.loc[("xct", "tomogram", "k_md"), "truth"] == pytest.approx(one)
+
+
+def test_a_section_is_held_against_slices_of_its_truth(studied):
+    table = pd.read_csv(studied / "results/validation.csv").set_index(["case", "variant", "quantity"])
+    test = read_json(studied / "results/tiny/reference_envelope.json")
+    assert test["n_volumes"] == 2
+    assert table.loc[("xct", "section", "s2_envelope_p"), "mean"] == test["p"]
+    assert table.loc[("xct", "full", "s2_envelope_p"), "truth"] == test["p"]
 
 
 def test_the_page_names_paper_and_ours(studied):
@@ -146,7 +154,7 @@ def test_permeability_is_held_against_the_same_method(studied, tmp_path):
 def test_more_judges_make_no_twin_anew(studied):
     more = {**TINY, "case": "stereology", "reference_cubes": 3, "samples": TINY["samples"]}
     write_config(studied, more, "more.yaml")
-    measured = ("reference_network", "reference_flow", "reference_s2", "further_cube")
+    measured = ("reference_network", "reference_flow", "reference_s2", "reference_envelope", "further_cube")
     jobs = planned(studied, "--", "case", config="more.yaml")
     assert {rule: jobs[rule] for rule in measured} == dict.fromkeys(measured, 1)
     assert set(jobs) <= {*measured, "case"}

@@ -614,7 +614,18 @@ def references_of_case(wildcards):
     further = expand(
         f"{SAMPLE}/{{cube}}/{{name}}", sample=SYNTHESES, cube=CUBES, name=MEASUREMENTS
     )
-    return [*where_referenced("reference_s2.csv")(wildcards), *further]
+    own = ("reference_s2.csv", "reference_envelope.json")
+    return [
+        *(path for name in own for path in where_referenced(name)(wildcards)),
+        *further,
+    ]
+
+
+def volumes_of_truth(wildcards):
+    """All that is known in 3D of the rock of a section."""
+    if wildcards.sample in SLICES:
+        return sliced_volume(wildcards)
+    return [f"results/{wildcards.sample}/reference.zarr.zip", *cubes_of(wildcards)]
 
 
 def sweep_of_case(wildcards):

@@ -67,6 +67,22 @@ use rule s2_envelope as tomogram_envelope with:
         f"{SAMPLE}/benchmarks/tomogram_envelope.tsv"
 
 
+# what the test says of the rock itself
+use rule s2_envelope as reference_envelope with:
+    input:
+        labels=f"{SAMPLE}/labels.zarr.zip",
+        twins=volumes_of_truth,
+    output:
+        envelope=f"{SAMPLE}/reference_envelope.csv",
+        test=f"{SAMPLE}/reference_envelope.json",
+    log:
+        f"{SAMPLE}/logs/reference_envelope.log",
+    benchmark:
+        f"{SAMPLE}/benchmarks/reference_envelope.tsv"
+    wildcard_constraints:
+        sample=any_of(REFERENCED),
+
+
 rule validation_table:
     output:
         table="results/validation.csv",

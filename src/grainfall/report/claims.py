@@ -13,6 +13,9 @@ import pandas as pd
 from grainfall.report.tables import number
 from grainfall.report.validation import BEREA_PUBLISHED_MD
 
+LEVEL = 0.05
+"""Of the envelope test: how many windows it tells of what is alike."""
+
 SHOWN, NOT_SHOWN, OPEN, NOT_RUN = "holds", "does not hold", "open", "not run"
 
 
@@ -77,6 +80,7 @@ def claims(table: pd.DataFrame) -> list[Claim]:
         As :func:`grainfall.report.validation.validation_table` gives it.
     """
     found = [*_stereology(table), *_spheres(table), *_berea(table), *_tomogram(table)]
+    found += [claim for case in dict.fromkeys(c.case for c in found) for claim in _sections(table, case)]
     begun = set(table["case"])
     tested = [c._replace(ours=_counted_once(c.ours)) for c in found if c.case in begun]
     return tested + [c._replace(ours="not run", status=NOT_RUN) for c in found if c.case not in begun]
@@ -219,6 +223,30 @@ def _rims(table: pd.DataFrame, case: str) -> list[Claim]:
             f"over the truth's: surface {_said(surface)}, K {_said(k)}; grains left touching in points: "
             f"surface {_said(points)}, K {_said(k_points)}; nearer by {_said(less)} and {_said(k_less)}",
             _surely_above(less, k_less),
+        )
+    ]
+
+
+def _sections(table: pd.DataFrame, case: str) -> list[Claim]:
+    """Whether sections look like slices of their twins, as much as they do like slices of their own truth."""
+    p, told, more = (
+        row_of(table, case, "full", f"s2_{name}")
+        for name in ("envelope_p", "windows_rejected", "windows_excess")
+    )
+    if more is None:
+        return []
+    status = OPEN
+    if not math.isnan(more["lower"]):
+        status = SHOWN if more["upper"] <= LEVEL else NOT_SHOWN if more["lower"] > LEVEL else OPEN
+    return [
+        Claim(
+            case,
+            "By S₂ windows of a section are told from slices of its twins no more often than from slices of "
+            f"the truth itself (by {LEVEL:.0%} of them at most)",
+            "shown as clouds",
+            f"told {_said(told, 2)}; from slices of the truth {number(told['truth'], 2)}; more often by "
+            f"{_said(more, 2)}; p of the middle windows {_said(p, 2)}",
+            status,
         )
     ]
 
