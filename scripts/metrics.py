@@ -39,7 +39,6 @@ with (
     scene = io.read_json(files.scene)
     resolution = scene["resolution_um"]
     section, _ = io.read_volume(files.labels, "phase")
-    envelope = io.read_json(files.envelope_test)
     method = settings["flow"]["methods"][0]
     reference = None
     if files.get("reference_pores"):
@@ -76,8 +75,7 @@ with (
             random.generator(**snakemake.params.stream, chapter="report"),
             twin_bodies=report.bodies_within(table("bodies"), scene),
         ),
-        "s2_inside_envelope": envelope["inside"],
-        "s2_envelope_p": envelope["p"],
+        **report.envelope_values(io.read_json(files.envelope_test)),
         "specific_surface_per_um": surface(s2_volume),
         "porosity_ref": None if reference_s2 is None else 1 - float(reference_s2.s2[0]),
         "specific_surface_ref_per_um": None if reference_s2 is None else surface(reference_s2),

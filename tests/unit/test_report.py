@@ -20,6 +20,7 @@ from grainfall.report import (
     SUMMARY_COLUMNS,
     bodies_within,
     build_report,
+    envelope_values,
     figure_files,
     figures,
     flow_values,
@@ -637,6 +638,18 @@ def test_what_the_section_leaves_open_is_said():
     assert [f"porosity by {2 * errors.porosity:.2g}" in s for s in said] == [True, False]
     blank = sampling_values(np.ones((9, 9), np.uint8), "given")
     assert headline([metrics_table(blank)]) == []
+
+
+@pytest.mark.parametrize(
+    ("windows", "said"),
+    [
+        (1, "(envelope test, p = 0.03)"),
+        (9, "p = 0.03; of all its windows 11% are told, where 5% would be if they were alike)"),
+    ],
+)
+def test_one_windows_p_is_said_beside_all_windows(windows, said):
+    test = {"inside": 1.0, "p": 0.03, "n_windows": windows, "windows_rejected": 1 / 9}
+    assert headline([metrics_table(envelope_values(test))])[-1].endswith(f"{said}.")
 
 
 @pytest.mark.parametrize(("across", "said"), [(7.9, True), (8.0, False)])

@@ -97,6 +97,8 @@ METRICS: dict[str, Metric] = {
                                  source="s2_envelope.json", low=0.95),
     "s2_envelope_p": Metric("p of the envelope test of the section's S₂", source="s2_envelope.json",
                             low=0.05),
+    "s2_windows_rejected": Metric("share of the section's windows that this test tells from slices",
+                                  source="s2_envelope.json"),
     "max_overlap": Metric("largest overlap of the true shapes, of the smaller radius",
                           source="contacts.csv", high=0.02),
     "coordination": Metric("contacts per grain, without rattlers", "contacts", "contacts.csv"),
@@ -489,6 +491,12 @@ def surface_values(twin: SolidSurface, section: SolidSurface) -> dict[str, objec
     return {"solid_surface_per_um": twin.per_um, "solid_surface_per_um_target": target}
 
 
+def envelope_values(test: Mapping) -> dict[str, float]:
+    """What s2_envelope.json says of the section; one window is no more than the test itself."""
+    found = {"s2_inside_envelope": test["inside"], "s2_envelope_p": test["p"]}
+    return found if test["n_windows"] == 1 else {**found, "s2_windows_rejected": test["windows_rejected"]}
+
+
 def sampling_values(section_phase: np.ndarray, porosity_source: str) -> dict[str, object]:
     """What the section itself leaves open, however good the twins are, and how far it lies aligned.
 
@@ -747,10 +755,15 @@ def headline(tables: Sequence[pd.DataFrame]) -> list[str]:
             f"The section's S₂ lies inside the cloud of the twins' slices at {inside:.0%} of the lags."
         )
     if p is not None:
-        can = "cannot" if p >= METRICS["s2_envelope_p"].low else "can"
-        said.append(
-            f"By S₂ the section {can} be told from a slice of the twins (envelope test, p = {number(p, 2)})."
-        )
+        level = METRICS["s2_envelope_p"].low
+        can, told = "cannot" if p >= level else "can", of("s2_windows_rejected")
+        test = f"envelope test, p = {number(p, 2)}"
+        if told is not None:
+            test = (
+                f"envelope test of its middle window, p = {number(p, 2)}; of all its windows {told:.0%} "
+                f"are told, where {level:.0%} would be if they were alike"
+            )
+        said.append(f"By S₂ the section {can} be told from a slice of the twins ({test}).")
     return said
 
 
