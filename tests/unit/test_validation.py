@@ -196,9 +196,9 @@ def test_sections_are_told_from_twins_by_more_than_from_their_truth(by, status):
 
 
 def test_the_truths_own_slices_are_what_there_is_to_be_reached(tmp_path):
-    def write(name, p, rejected, n_windows=9):
+    def write(name, p, rejected, n_windows=9, edge=400.0):
         test = {"p": p, "windows_rejected": rejected, "alpha": 0.05, "n_windows": n_windows}
-        io.write_json(tmp_path / name, test)
+        io.write_json(tmp_path / name, {**test, "window_um": [edge, edge]})
 
     twins, own = tmp_path / "full/s2_envelope.json", tmp_path / REFERENCE_ENVELOPE
     assert _of_envelope(twins, tmp_path) == {}
@@ -215,6 +215,8 @@ def test_the_truths_own_slices_are_what_there_is_to_be_reached(tmp_path):
     assert _of_envelope(own, tmp_path) == {"s2_envelope_p": (0.04, None), "s2_windows_rejected": (0.1, 0.05)}
     write("full/s2_envelope.json", 0.03, 0.0, n_windows=1)
     assert _of_envelope(twins, tmp_path) == {"s2_envelope_p": (0.03, 0.04)}
+    write(REFERENCE_ENVELOPE, 0.04, 0.1, edge=800.0)  # windows of another size scatter otherwise
+    assert _of_envelope(twins, tmp_path) == {"s2_envelope_p": (0.03, None)}
 
 
 def test_slices_of_a_volume():

@@ -454,12 +454,15 @@ def _of_envelope(path: Path, sample: Path) -> dict[str, tuple]:
     """The envelope test of a section among slices of all twins of a variant, its tomogram or its truth.
 
     One window's p is largely that window's luck, and windows of a rock scatter more than slices of a few
-    volumes of one porosity: what slices of the truth itself are told by is what there is to be reached.
+    volumes of one porosity: how many are told from slices of the truth itself, seen in windows of the same
+    size, is what there is to be reached.
     """
     if not path.exists():
         return {}
     test, own = io.read_json(path), sample / REFERENCE_ENVELOPE
     alike = io.read_json(own) if path != own and own.exists() else None
+    if alike and alike["window_um"] != test["window_um"]:
+        alike = None  # larger windows scatter less
     found = {"s2_envelope_p": (test["p"], alike["p"] if alike else None)}
     if test["n_windows"] > 1:
         told, aim = test["windows_rejected"], alike["windows_rejected"] if alike else test["alpha"]
