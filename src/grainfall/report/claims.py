@@ -242,7 +242,7 @@ def _sections(table: pd.DataFrame, case: str) -> list[Claim]:
         Claim(
             case,
             "By S₂ windows of a section are told from slices of its twins no more often than from slices of "
-            f"the truth itself (by {LEVEL:.0%} of them at most)",
+            f"the truth itself (by {100 * LEVEL:g} % of them at most)",
             "shown as clouds",
             f"told {_said(told, 2)}; from slices of the truth {number(told['truth'], 2)}; more often by "
             f"{_said(more, 2)}; p of the middle windows {_said(p, 2)}",
