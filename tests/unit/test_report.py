@@ -660,6 +660,12 @@ def test_few_voxels_a_grain_are_said(across, said):
     assert any(line.startswith("Network and flow see 7.9 voxels") for line in lines) == said
 
 
+def test_a_permeability_as_the_references_is_not_said_to_be_above_or_below():
+    k = {"k_x_md": 800.0, "k_y_md": 900.0, "k_z_md": 1003.0}
+    (line,) = headline([metrics_table(k | {f"k_ref_{a}_md": 900.0 for a in "xyz"})])
+    assert "within 1% of the reference by the same method on average" in line
+
+
 def test_judgements_in_plain_words():
     assert words({"porosity": 0.371, "porosity_target": 0.309})["porosity"] == (
         "missed",

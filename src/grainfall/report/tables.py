@@ -684,6 +684,8 @@ def _relative(value: float, aim: float | None) -> str:
     if not aim:
         return "the reference does not conduct"
     change = value / aim - 1
+    if abs(change) < 0.005:
+        return "within 1% of the reference"
     return f"{abs(change):.0%} {'above' if change > 0 else 'below'} the reference"
 
 
