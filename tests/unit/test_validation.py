@@ -201,22 +201,22 @@ def test_the_truths_own_slices_are_what_there_is_to_be_reached(tmp_path):
         io.write_json(tmp_path / name, {**test, "window_um": [edge, edge]})
 
     twins, own = tmp_path / "full/s2_envelope.json", tmp_path / REFERENCE_ENVELOPE
-    assert _of_envelope(twins, tmp_path) == {}
+    assert _of_envelope(twins, own) == {}
     write("full/s2_envelope.json", 0.03, 0.2)
-    assert _of_envelope(twins, tmp_path) == {
+    assert _of_envelope(twins, own) == {
         "s2_envelope_p": (0.03, None),
         "s2_windows_rejected": (0.2, 0.05),
     }
     write(REFERENCE_ENVELOPE, 0.04, 0.1)
-    found = _of_envelope(twins, tmp_path)
+    found = _of_envelope(twins, own)
     assert found["s2_envelope_p"] == (0.03, 0.04)
     assert found["s2_windows_rejected"] == (0.2, 0.1)
     assert found["s2_windows_excess"] == (pytest.approx(0.1), 0.0)
-    assert _of_envelope(own, tmp_path) == {"s2_envelope_p": (0.04, None), "s2_windows_rejected": (0.1, 0.05)}
+    assert _of_envelope(own) == {"s2_envelope_p": (0.04, None), "s2_windows_rejected": (0.1, 0.05)}
     write("full/s2_envelope.json", 0.03, 0.0, n_windows=1)
-    assert _of_envelope(twins, tmp_path) == {"s2_envelope_p": (0.03, 0.04)}
+    assert _of_envelope(twins, own) == {"s2_envelope_p": (0.03, 0.04)}
     write(REFERENCE_ENVELOPE, 0.04, 0.1, edge=800.0)  # windows of another size scatter otherwise
-    assert _of_envelope(twins, tmp_path) == {"s2_envelope_p": (0.03, None)}
+    assert _of_envelope(twins, own) == {"s2_envelope_p": (0.03, None)}
 
 
 def test_slices_of_a_volume():

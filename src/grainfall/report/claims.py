@@ -10,11 +10,8 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from grainfall.report.tables import number
+from grainfall.report.tables import METRICS, number
 from grainfall.report.validation import BEREA_PUBLISHED_MD
-
-LEVEL = 0.05
-"""Of the envelope test: how many windows it tells of what is alike."""
 
 SHOWN, NOT_SHOWN, OPEN, NOT_RUN = "holds", "does not hold", "open", "not run"
 
@@ -235,14 +232,14 @@ def _sections(table: pd.DataFrame, case: str) -> list[Claim]:
     )
     if more is None:
         return []
-    status = OPEN
-    if not math.isnan(more["lower"]):
-        status = SHOWN if more["upper"] <= LEVEL else NOT_SHOWN if more["lower"] > LEVEL else OPEN
+    level = METRICS["s2_envelope_p"].low  # as many are told of what is alike
+    # of a single section both comparisons are with NaN
+    status = SHOWN if more["upper"] <= level else NOT_SHOWN if more["lower"] > level else OPEN
     return [
         Claim(
             case,
             "By S₂ windows of a section are told from slices of its twins no more often than from slices of "
-            f"the truth itself (by {100 * LEVEL:g} % of them at most)",
+            f"the truth itself (by {100 * level:g} % of them at most)",
             "shown as clouds",
             f"told {_said(told, 2)}; from slices of the truth {number(told['truth'], 2)}; more often by "
             f"{_said(more, 2)}; p of the middle windows {_said(p, 2)}",

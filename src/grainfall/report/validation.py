@@ -66,8 +66,8 @@ MEASURED = (
 )
 """What a volume that twins are held against is measured by; it counts where all of it is there."""
 
-REFERENCE_ENVELOPE = "reference_envelope.json"
-"""The envelope test of a section among slices of its own truth."""
+ENVELOPE, REFERENCE_ENVELOPE = "s2_envelope.json", "reference_envelope.json"
+"""The envelope test of a section among slices of its twins, and of its own truth."""
 
 NEARER = {
     "no_inversion": ("w1_f3d",),
@@ -214,7 +214,9 @@ def _of_sample(case: str, sample: Path, variants: Sequence[str]) -> list[tuple]:
         ]
         twins += own
         if own:
-            twins.append((variant, -1, _of_envelope(sample / variant / "s2_envelope.json", sample)))
+            twins.append(
+                (variant, -1, _of_envelope(sample / variant / ENVELOPE, sample / REFERENCE_ENVELOPE))
+            )
     if not twins:
         return []
     held = twins[0][2]["porosity"][1]
@@ -450,7 +452,7 @@ def _of_truth(truth: Mapping, held: float) -> dict[str, tuple]:
     }
 
 
-def _of_envelope(path: Path, sample: Path) -> dict[str, tuple]:
+def _of_envelope(path: Path, of_truth: Path | None = None) -> dict[str, tuple]:
     """The envelope test of a section among slices of all twins of a variant, its tomogram or its truth.
 
     One window's p is largely that window's luck, and windows of a rock scatter more than slices of a few
@@ -459,8 +461,8 @@ def _of_envelope(path: Path, sample: Path) -> dict[str, tuple]:
     """
     if not path.exists():
         return {}
-    test, own = io.read_json(path), sample / REFERENCE_ENVELOPE
-    alike = io.read_json(own) if path != own and own.exists() else None
+    test = io.read_json(path)
+    alike = io.read_json(of_truth) if of_truth and of_truth.exists() else None
     if alike and alike["window_um"] != test["window_um"]:
         alike = None  # larger windows scatter less
     found = {"s2_envelope_p": (test["p"], alike["p"] if alike else None)}
@@ -476,7 +478,7 @@ def _of_section(sample: Path, held: float, seen: float | None) -> dict[str, tupl
     return {
         "porosity_section": (io.read_json(sample / "section.json")["porosity"], held),
         "surface_section": (seen, 1.0),
-        **_of_envelope(sample / REFERENCE_ENVELOPE, sample),
+        **_of_envelope(sample / REFERENCE_ENVELOPE),
     }
 
 
@@ -494,7 +496,7 @@ def _of_tomogram(sample: Path) -> dict[str, tuple]:
         "k_ratio": (_over(k["md"], k_ref.get("md")), 1.0),
         "s2_gap": _s2_gap(radial(folder / "reference_s2.csv"), truth),
         **_pore_figures(network_sizes(folder / "reference_network"), truth["sizes"]),
-        **_of_envelope(folder / "s2_envelope.json", sample),
+        **_of_envelope(folder / ENVELOPE, sample / REFERENCE_ENVELOPE),
     }
 
 
