@@ -28,6 +28,7 @@ with stage(snakemake) as progress:
         stereology.unfold_table(table, method=settings["stereology"]["method"], bootstrap=0)
         for table in (section_pores, pores)
     )
+    between = io.read_json(files.section_intergranular)
     surface = SolidSurface(**io.read_json(files.section_surface))
     bed = core(phase)
     sizes, deficit = packing.plan_deficit(
@@ -49,6 +50,7 @@ with stage(snakemake) as progress:
         porosity,
         sum(p * v for p, v in zip(scene["probabilities"], scene["mean_volumes_um3"], strict=True)),
         voids=int((grains.Library.load(files.library).table["phase"] == grains.VOID).sum()),
+        between=morphology.Intergranular(**between) if between else None,
         switch=settings["effects"]["virtual_spheres"],
         cement=settings["effects"]["cement"],
         void_shapes=settings["effects"]["void_shapes"],

@@ -50,6 +50,16 @@ with stage(snakemake) as progress, checkpoints(snakemake) as folder:
         progress.say(f"porosity {porosity:.4f}, wanted {deficit['overgrowth']['porosity']:.4f}")
         return porosity
 
+    def between_of(bodies):
+        held = deficit["between"]
+        if held is None:
+            return None
+        found = volume.bed_between_voids(bodies, library, scene, held["radius_um"])
+        if found is None:
+            return None
+        progress.say(f"porosity between voids {found.porosity:.4f}, wanted {held['wanted']:.4f}")
+        return found.porosity
+
     voids = None
     if shaped:
         voids = packing.size_voids(
@@ -57,6 +67,7 @@ with stage(snakemake) as progress, checkpoints(snakemake) as folder:
             lambda p_sphere: pour_with(p_sphere, 1.0),
             lambda bodies: volume.void_width(bodies, library, scene["shape_zyx"], scene["voxel_size_um"]),
             porosity_of,
+            between_of,
         )
         void_scale = voids["scale"]
         deficit["virtual_spheres"]["p_sp"] = voids["p_sp"]
@@ -67,6 +78,8 @@ with stage(snakemake) as progress, checkpoints(snakemake) as folder:
         rested,
         porosity_of,
         (io.read_table(files.first), first_report),
+        between_of,
+        voids=voids,
         densification=settings["effects"]["densification"],
         **settings["feedback"],
     )

@@ -22,4 +22,6 @@ with stage(snakemake):
     )
     io.write_table(snakemake.output.grains, found.grains)
     io.write_table(snakemake.output.pores, found.pores)
+    between = morphology.intergranular([phase == 0], resolution, morphology.solid_radius(found.grains))
+    io.write_json(snakemake.output.intergranular, {} if between is None else asdict(between))
     io.write_json(snakemake.output.surface, asdict(solid_surface(phase, resolution)))

@@ -116,7 +116,7 @@ def solid_surface(phase: np.ndarray, spacing_um: float) -> SolidSurface:
     """
     solid = np.asarray(phase) > 0
     parts = round(CELLS ** (1 / solid.ndim))
-    faces, volume = _crossings(solid, parts), _by_cells(solid, parts)
+    faces, volume = _crossings(solid, parts), by_cells(solid, parts)
     if not volume.sum():
         return SolidSurface(np.inf, np.inf)
     ratio, error = ratio_of_sums(faces, volume)
@@ -145,8 +145,8 @@ def sampling_errors(phase: np.ndarray) -> SamplingErrors:
     sums over tiles that are taken as independent: what varies over lengths beyond a tile's is missed.
     """
     solid = np.asarray(phase) > 0
-    faces, grain = _crossings(solid, TILES), _by_cells(solid, TILES)
-    area = _by_cells(np.ones(solid.shape, np.uint8), TILES)
+    faces, grain = _crossings(solid, TILES), by_cells(solid, TILES)
+    area = by_cells(np.ones(solid.shape, np.uint8), TILES)
     pore = area - grain
     if not (pore.any() and faces.any()):
         return SamplingErrors(np.nan, np.nan, np.nan)
@@ -181,7 +181,7 @@ def alignment(phase: np.ndarray) -> Alignment:
     here = solid[:-1, :-1]
     beside, across, below = solid[:-1, 1:], solid[1:, 1:], solid[1:, :-1]
     lines = ((here, beside, 1.0), (here, across, np.sqrt(2)), (here, below, 1.0), (beside, below, np.sqrt(2)))
-    x, falling, y, rising = (_by_cells(one ^ other, TILES) / step for one, other, step in lines)
+    x, falling, y, rising = (by_cells(one ^ other, TILES) / step for one, other, step in lines)
     mean, harmonic = (x + falling + y + rising) / 4, np.array([x - y, falling - rising]) / 2
     n = len(mean)
     if n < TILES**2 or not mean.sum():
@@ -238,11 +238,11 @@ def _crossings(solid: np.ndarray, parts: int) -> np.ndarray:
     for axis, n in enumerate(solid.shape):
         before = np.zeros(solid.shape, np.uint8)
         before[(*(slice(None),) * axis, slice(1, None))] = np.diff(solid, axis=axis)
-        crossings = crossings + _by_cells(before, parts) * n / max(1, n - 1)
+        crossings = crossings + by_cells(before, parts) * n / max(1, n - 1)
     return crossings
 
 
-def _by_cells(values: np.ndarray, parts: int) -> np.ndarray:
+def by_cells(values: np.ndarray, parts: int) -> np.ndarray:
     """Sums over cells, so many along an edge, as floats."""
     for axis, n in enumerate(values.shape):
         starts = np.unique(np.arange(parts) * n // parts)

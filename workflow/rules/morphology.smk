@@ -60,6 +60,7 @@ rule section_as_resolved:
         grains=f"{VARIANT}/section_grains2d.csv",
         pores=f"{VARIANT}/section_pores2d.csv",
         surface=f"{VARIANT}/section_surface.json",
+        intergranular=f"{VARIANT}/section_intergranular.json",
     log:
         f"{VARIANT}/logs/section_as_resolved.log",
     benchmark:

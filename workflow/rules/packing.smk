@@ -61,6 +61,7 @@ rule deficit:
         library_record=f"{SAMPLE}/logs/grain_library.json",
         section_pores=f"{VARIANT}/section_pores2d.csv",
         section_surface=f"{VARIANT}/section_surface.json",
+        section_intergranular=f"{VARIANT}/section_intergranular.json",
         # the bodies decide: their volume made again otherwise, as in slabs, packs nothing anew
         bodies=f"{TWIN}/first/bodies.csv",
         volume=ancient(f"{TWIN}/first/volume.zarr.zip"),

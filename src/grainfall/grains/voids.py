@@ -6,10 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 import pandas as pd
-import skimage  # its parts load when they are first used
 
 from grainfall.grains.library import Library, build_library
-from grainfall.morphology import inscribed_circles, measure_grains, split_pores
+from grainfall.morphology import inscribed_circles, measure_grains, solid_radius, split_pores, voids
 
 VOID = 0
 """Phase of the shapes of voids."""
@@ -37,9 +36,9 @@ def void_shapes(
 ) -> Library | None:
     """Shapes of a section's voids, each from three masks as grains are.
 
-    A void is a pore that would hold a grain: what the pore space keeps when it is opened by a disc as large
-    as the grain section in which the mean point of the solid lies. Grains alone leave hardly any. Voids that
-    run into each other are parted as pores are.
+    A void is a pore that would hold a grain (:func:`~grainfall.morphology.voids`, by a disc as large as the
+    grain section in which the mean point of the solid lies). Voids that run into each other are parted as
+    pores are.
 
     Parameters
     ----------
@@ -62,17 +61,10 @@ def void_shapes(
         Shapes of phase :data:`VOID`; ``r2d_um`` is the radius of the inscribed circle of the mask that chose
         the size bin. None where the section has fewer than :data:`FEWEST` voids, or too coarse pixels.
     """
-    area = grains2d["weight"].to_numpy() * grains2d["r_um"].to_numpy() ** 2
-    if not area.sum() > 0:
+    radius = solid_radius(grains2d)
+    if radius == 0 or radius < NARROWEST_PX * pixel_size_um:
         return None
-    radius = float(np.average(grains2d["r_um"], weights=area))
-    if radius < NARROWEST_PX * pixel_size_um:
-        return None
-    # what lies beyond the image's edge counts as pore
-    centres = skimage.morphology.isotropic_erosion(phase == 0, radius / pixel_size_um)
-    if not centres.any():
-        return None  # a dilation of nothing is undefined
-    wide = skimage.morphology.isotropic_dilation(centres, radius / pixel_size_um)
+    wide = voids(phase == 0, radius / pixel_size_um)
     labels = split_pores(np.uint8(~wide), persistence=pore_persistence, min_radius_px=min_radius_px)
     found = measure_grains(labels, np.zeros_like(labels), pixel_size_um)
     circles = inscribed_circles(labels, pixel_size_um).set_index("pore")

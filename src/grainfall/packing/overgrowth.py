@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from grainfall.surface import SolidSurface
 
 STANDARD_ERRORS = 2.33
-"""Standard errors by which the first packing's surface must exceed the section's: 99 % on one side."""
+"""Standard errors by which a packing must exceed the section: 99 % on one side."""
 
 
 @dataclass(frozen=True)

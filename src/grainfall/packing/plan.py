@@ -75,7 +75,8 @@ def effects_plan(
     once = first["wall_s"] - (refinement["cost_s"] or 0.0)
     voxelising = scaling["wall_s"] / scaling["passes"]
     passes = second["passes"]
-    lubricated = [one for one in passes if one["lubrication"] < 1 or one["taps"]]
+    between = second["between"]
+    lubricated = [one for one in passes if between is None and (one["lubrication"] < 1 or one["taps"])]
     spheres = [one for one in passes if one not in lubricated]
     return {
         "gravity_packing": _entry(
@@ -95,7 +96,11 @@ def effects_plan(
         "phase_mixing": _entry(scene["phase_mixing"]),
         "virtual_spheres": _entry(deficit["virtual_spheres"], cost_s=_seconds(spheres), saved_s=once),
         "void_shapes": _void_shapes(deficit["void_shapes"], second["voids"]),
-        "densification": _entry(second["densification"], cost_s=_seconds(lubricated), saved_s=once),
+        "densification": _entry(
+            second["densification"],
+            cost_s=_seconds(lubricated) if between is None else between["wall_s"],
+            saved_s=once,
+        ),
         "position_scaling": _entry(
             {**scaling, "on": scaling["applied"]}, cost_s=scaling["wall_s"], saved_s=voxelising
         ),

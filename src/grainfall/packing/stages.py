@@ -10,10 +10,11 @@ import pandas as pd
 
 from grainfall.errors import InputError
 from grainfall.grains import VOID, Library
-from grainfall.packing.densify import match_density
+from grainfall.morphology import Intergranular
+from grainfall.packing.densify import SLICK, match_density
 from grainfall.packing.deposition import Box, deposit, solid_fraction
 from grainfall.packing.mixing import Mixture, draw_zones
-from grainfall.packing.overgrowth import Overgrowth
+from grainfall.packing.overgrowth import STANDARD_ERRORS, Overgrowth
 from grainfall.packing.parameters import Parameters
 from grainfall.packing.plan import decide
 from grainfall.packing.rest import settle
@@ -231,6 +232,7 @@ def plan_deficit(
     mean_grain_volume: float,
     *,
     voids: int = 0,
+    between: Intergranular | None = None,
     switch: str = "auto",
     cement: str = "auto",
     void_shapes: str = "auto",
@@ -262,6 +264,8 @@ def plan_deficit(
         Mean grain volume over all phases, um^3.
     voids : int
         Shapes of voids in the library.
+    between : Intergranular, optional
+        How porous the section is between its voids.
     switch, cement, void_shapes : {"auto", "on", "off"}
         Of the virtual spheres, of the cement, and of the shapes of voids in place of large spheres.
     limit : float
@@ -275,7 +279,9 @@ def plan_deficit(
         :class:`PoreTail`), overgrowth: on, forced, called_for, reason, filled, section_per_um,
         porosity (before the rims, what the packings aim for: the target where there are none); and
         virtual_spheres: on, forced, called_for, reason, p_sp (first guess), for_tail (whether the tail alone
-        called for them, so that they keep their share); and void_shapes: on, forced, called_for, reason.
+        called for them, so that they keep their share); void_shapes: on, forced, called_for, reason; and
+        between, where spheres are to hold voids open that the section has: radius_um, porosity and error
+        (of the section between them), wanted (the same before the rims).
     """
     target_porosity = scene["porosity_target"]
     wanted = overgrowth.porosity_before(target_porosity, porosity_first)
@@ -322,6 +328,16 @@ def plan_deficit(
         f"{holding} voids open, {voids or 'no'} shapes of the section's voids were made; {tail.words}",
         possible=spheres["on"] and voids > 0,
     )
+    held = None
+    if between is not None and spheres["on"] and tail.exceeds and not for_tail:
+        # rims fill pores between the voids, which have 1 - v = (1 - phi) / (1 - phi_between) of the region
+        fill = (wanted - target_porosity) * (1 - between.porosity) / (1 - target_porosity)
+        held = {
+            "radius_um": between.radius_um,
+            "porosity": between.porosity,
+            "error": between.error,
+            "wanted": between.porosity + fill,
+        }
     return sizes, {
         "porosity_first": float(porosity_first),
         "porosity_target": float(target_porosity),
@@ -350,6 +366,7 @@ def plan_deficit(
             else 0.0,
         },
         "void_shapes": shaped,
+        "between": held,
     }
 
 
@@ -358,6 +375,7 @@ def size_voids(
     pour: Callable[[float], Packing],
     width_of: Callable[[pd.DataFrame], float | None],
     porosity_of: Callable[[pd.DataFrame], float],
+    between_of: Callable[[pd.DataFrame], float | None] = lambda bodies: None,
 ) -> dict:
     """How large to pour bodies in the shapes of voids, for voids as wide as their spheres were to be.
 
@@ -376,12 +394,14 @@ def size_voids(
         Bodies to the width of their voids over that of their spheres (:func:`grainfall.volume.void_width`).
     porosity_of : callable
         Grains alone to their porosity.
+    between_of : callable, optional
+        Bodies to their grains' porosity between voids.
 
     Returns
     -------
     dict
         width (None where no void could be measured), scale (1 / width), p_sp (next guess of the probability),
-        porosity and wall_s (of that packing).
+        porosity, between (porosity between voids, or None) and wall_s (of that packing).
     """
     spheres = deficit["virtual_spheres"]
     bodies, report = pour(spheres["p_sp"])
@@ -401,8 +421,74 @@ def size_voids(
         "scale": scale,
         "p_sp": odds / (1 + odds),
         "porosity": porosity,
+        "between": between_of(bodies),
         "wall_s": report["wall_s"],
     }
+
+
+def match_between(
+    deficit: Mapping,
+    porosity: float,
+    rough: float,
+    pour: Callable[[float, float], Packing],
+    porosity_of: Callable[[pd.DataFrame], float],
+    between_of: Callable[[pd.DataFrame], float | None],
+) -> dict:
+    """Friction at which grains lie as densely between the voids as the section's do.
+
+    Virtual spheres loosen the grains about them. Where the porosity is met, a bed that is too loose between
+    its voids has too few of them:
+
+        1 - phi = (1 - v) (1 - phi_between)
+
+    for void share v. A bed is poured with as little friction as lubrication allows, and the factor on
+    friction is interpolated between the two: porosity goes about with the logarithm of friction.
+
+    Parameters
+    ----------
+    deficit : mapping
+        As :func:`plan_deficit` gives it.
+    porosity, rough : float
+        Of a bed of ``p_sp`` at full friction: its porosity, and that between voids.
+    pour : callable
+        (probability of a sphere, factor on friction) to (bodies, report) as poured.
+    porosity_of, between_of : callable
+        Grains alone to their porosity, and to that between voids.
+
+    Returns
+    -------
+    dict
+        lubrication (factor on friction), p_sp (next guess of the probability), rough and slick (porosity
+        between voids with full and with the least friction), wall_s.
+    """
+    target, wanted = deficit["overgrowth"]["porosity"], deficit["between"]["wanted"]
+    p_sp = _with_voids(deficit["virtual_spheres"]["p_sp"], porosity, rough, target, wanted)
+    bodies, report = pour(p_sp, SLICK)
+    grains = bodies[bodies["kind"] == "grain"]
+    slick = between_of(grains)
+    lubrication = SLICK
+    if slick is not None:
+        if slick < wanted:
+            lubrication = SLICK ** ((rough - wanted) / (rough - slick))
+        p_sp = _with_voids(p_sp, float(porosity_of(grains)), slick, target, max(slick, wanted))
+    return {
+        "lubrication": float(lubrication),
+        "p_sp": p_sp,
+        "rough": float(rough),
+        "slick": slick,
+        "wall_s": report["wall_s"],
+    }
+
+
+def _with_voids(p_sp: float, porosity: float, between: float, target: float, wanted: float) -> float:
+    """Probability of a sphere for another porosity, and another one between voids: as void is to solid."""
+    found, needed = (
+        max(0.0, 1 - (1 - phi) / (1 - matrix)) / (1 - phi)
+        for phi, matrix in ((porosity, between), (target, wanted))
+    )
+    odds = p_sp / (1 - p_sp)
+    odds *= needed / found if found > 0 and needed > 0 else 1.0
+    return odds / (1 + odds)
 
 
 class _Trials:
@@ -416,6 +502,7 @@ class _Trials:
         self.pour_with, self.rested, self.porosity_of = pour_with, rested, porosity_of
         self.target, self.limit, self.fillable = target, limit, fillable
         self.poured: tuple[tuple[float, float], Packing] | None = None  # the last one, and what with
+        self.counted = False  # whether its time is in a pass
         self.passes: list[dict] = []
         self.packing: Packing | None = None
         self.porosity = np.inf
@@ -437,13 +524,16 @@ class _Trials:
     def _porosity(self, packing: Packing) -> float:
         return float(self.porosity_of(packing[0][packing[0]["kind"] == "grain"]))
 
+    def pour(self, p_sphere: float, lubrication: float = 1.0) -> Packing:
+        """Pour, unless it is what was poured last."""
+        made_with = p_sphere, lubrication
+        if self.poured is None or self.poured[0] != made_with:
+            self.poured, self.counted = (made_with, self.pour_with(*made_with)), False
+        return self.poured[1]
+
     def __call__(self, p_sphere: float, lubrication: float = 1.0, taps: int = 0) -> float:
         """Pack, and give the porosity without the spheres."""
-        made_with = p_sphere, lubrication
-        known = self.poured is not None and self.poured[0] == made_with
-        if not known:
-            self.poured = made_with, self.pour_with(*made_with)
-        poured = packing = self.poured[1]
+        poured = packing = self.pour(p_sphere, lubrication)
         at_rest = taps > 0
         if at_rest:
             packing = self.rested(poured, lubrication, taps)
@@ -458,10 +548,11 @@ class _Trials:
                 "taps": int(taps),
                 "porosity": porosity,
                 "at_rest": at_rest,
-                "wall_s": packing[1]["wall_s"] - (poured[1]["wall_s"] if known else 0.0),
+                "wall_s": packing[1]["wall_s"] - (poured[1]["wall_s"] if self.counted else 0.0),
             }
         )
-        self.keep(packing, porosity, at_rest, made_with)
+        self.counted = True
+        self.keep(packing, porosity, at_rest, (p_sphere, lubrication))
         return porosity
 
     def best(self) -> Packing:
@@ -481,13 +572,18 @@ def pack_again(
     rested: Callable[[Packing, float, int], Packing],
     porosity_of: Callable[[pd.DataFrame], float],
     first: Packing,
+    between_of: Callable[[pd.DataFrame], float | None] = lambda grains: None,
     *,
+    voids: Mapping | None = None,
     densification: str = "auto",
     limit: float = 0.01,
     passes: int = 8,
 ) -> Packing:
     """The second packing: virtual spheres, then densification, until the grains' porosity is what is wanted:
     the target's, or what leaves room for the rims of grains grown together.
+
+    Where the spheres hold voids open that the section has, grains are first lubricated until they lie as
+    densely between them as the section's do (:func:`match_between`).
 
     Parameters
     ----------
@@ -502,8 +598,13 @@ def pack_again(
         Grains alone to their porosity.
     first : (bodies, report)
         The first packing; it is the second where nothing is called for.
+    between_of : callable, optional
+        Grains to their porosity between voids; None where that cannot be told.
+    voids : mapping, optional
+        As :func:`size_voids` gives it, where bodies have the shapes of voids.
     densification : {"auto", "on", "off"}
-        auto where the target is below what the grains pour to.
+        auto where the target is below what the grains pour to, or grains between voids lie looser than the
+        section's.
     limit : float
         Distance from the target that ends the passes.
     passes : int
@@ -515,7 +616,8 @@ def pack_again(
     report : dict
         That of the packing kept, with ``passes`` (p_sphere, lubrication, taps, porosity, at_rest, wall_s of
         each; one that misses as poured is not brought to rest), ``porosity``, ``reached``, ``reason`` (why
-        not), and ``densification``: on, forced, called_for, reason.
+        not), ``densification``: on, forced, called_for, reason, and ``between``: None, or what
+        :func:`match_between` gives, with ``came_to``: porosity between voids of the packing kept.
     """
     target, spheres = deficit["overgrowth"]["porosity"], deficit["virtual_spheres"]
     aim = f"{'porosity' if deficit['overgrowth']['on'] else 'target porosity'} {target:.4f}"
@@ -523,16 +625,26 @@ def pack_again(
     # Spheres that were to open the bed and opened it too far are a missed feedback, not a bed too loose.
     fillable = spheres["for_tail"] or not spheres["on"]
     trials = _Trials(pour_with, rested, porosity_of, target, limit, fillable)
-    missed = ""
+    missed, dense, between, lubrication = "", None, None, 1.0
     if spheres["on"]:
         p_sphere, loose = spheres["p_sp"], deficit["porosity_first"]
+        if deficit["between"] is not None:
+            dense, between = _denser_between(deficit, trials, between_of, voids, densification)
+        if between is not None:
+            p_sphere, lubrication = between["p_sp"], between["lubrication"]
         if spheres["for_tail"]:
             loose = trials(p_sphere)
         left = passes - len(trials.passes)
         if left and (loose < target - limit or not spheres["for_tail"]):
             guess = 2 * p_sphere / (1 + p_sphere) if trials.passes else p_sphere  # twice the odds
             missed = match_porosity(
-                trials, float, target, guess, deficit["porosity_first"], limit, left
+                lambda p: trials(p, lubrication),
+                float,
+                target,
+                guess,
+                deficit["porosity_first"],
+                limit,
+                left,
             ).reason
             p_sphere, loose = trials.kept[0], trials.porosity
     else:
@@ -545,13 +657,18 @@ def pack_again(
         reason += "" if fillable else ", which they opened, not its grains"
     else:
         reason = f"the packing {what} is no looser than the {aim}"
-    dense = decide(densification, too_loose > limit, reason, possible=too_loose > 0)
-    if dense["on"]:
+    if dense is None:
+        dense = decide(densification, too_loose > limit, reason, possible=too_loose > 0)
+    if dense["on"] and between is None:
         missed = match_density(
             lambda lubrication, taps: trials(p_sphere, lubrication, taps), loose, target, limit, passes
         )
         dense["reason"] += f"; {missed}" if missed else ""
     bodies, report = trials.best()
+    if between is not None:
+        between["came_to"] = between_of(bodies[bodies["kind"] == "grain"])
+        dense["reason"] += f"; with friction times {lubrication:.2g}"
+        dense["reason"] += "" if between["came_to"] is None else f" it is {between['came_to']:.3f} porous"
     reached = abs(trials.porosity - target) <= limit
     return bodies, {
         **report,
@@ -560,4 +677,39 @@ def pack_again(
         "reached": reached,
         "reason": "" if reached else (missed or dense["reason"]) + trials.words,
         "densification": dense,
+        "between": between,
     }
+
+
+def _denser_between(
+    deficit: Mapping,
+    trials: _Trials,
+    between_of: Callable[[pd.DataFrame], float | None],
+    voids: Mapping | None,
+    switch: str,
+) -> tuple[dict, dict | None]:
+    """Whether grains are to lie denser between voids, and with what friction they do."""
+    held, p_sp = deficit["between"], deficit["virtual_spheres"]["p_sp"]
+    porosity, wall_s = trials.target, 0.0
+    if voids is not None:
+        rough = voids["between"]
+    else:
+        bodies, report = trials.pour(p_sp)
+        grains = bodies[bodies["kind"] == "grain"]
+        porosity, rough, wall_s = float(trials.porosity_of(grains)), between_of(grains), report["wall_s"]
+    if rough is None:
+        return decide(switch, False, "nothing of the region lies between voids", possible=False), None
+    exceeds = rough - held["wanted"] > STANDARD_ERRORS * held["error"]
+    before = f", {held['wanted']:.3f} before the rims," if deficit["overgrowth"]["on"] else ""
+    dense = decide(
+        switch,
+        exceeds,
+        f"between voids the packing with its virtual spheres is {rough:.3f} porous, which "
+        f"{'exceeds' if exceeds else 'does not exceed'} the section's {held['porosity']:.3f}{before} beyond "
+        "sampling",
+        possible=rough > held["wanted"],
+    )
+    if not dense["on"]:
+        return dense, None
+    found = match_between(deficit, porosity, rough, trials.pour, trials.porosity_of, between_of)
+    return dense, {**found, "wall_s": wall_s + found["wall_s"]}

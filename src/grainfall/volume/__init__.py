@@ -8,12 +8,13 @@ from grainfall.volume.export import export_metaimage, export_raw, export_vti
 from grainfall.volume.finish import finish, make_room, size_factor, write_twin
 from grainfall.volume.measures import adjacent_pairs, describe, euler_number, porosity
 from grainfall.volume.scan import VIRTUAL, packed_porosity, voxelise, voxelise_slabs
-from grainfall.volume.voids import void_width
+from grainfall.volume.voids import bed_between_voids, void_width
 
 __all__ = [
     "VIRTUAL",
     "adjacent_pairs",
     "as_minerals",
+    "bed_between_voids",
     "cement",
     "coarse_shape",
     "coarsen",

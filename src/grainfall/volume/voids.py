@@ -1,11 +1,15 @@
-"""Width of the voids that virtual bodies leave among the grains."""
+"""Voids among the grains of a bed: how wide virtual bodies leave them, how porous it is between."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 import edt
 import numpy as np
 import pandas as pd
 
+from grainfall.morphology import Intergranular, intergranular
+from grainfall.section import resample
 from grainfall.volume.scan import Meshes, voxelise
 
 EVERY = 2
@@ -64,3 +68,47 @@ def void_width(
                     clearance = edt.edt(free, black_border=False, parallel=1)[inside].max() - 0.5
                     circles += min(float(clearance), half) * voxel_size_um
     return circles / discs if discs else None
+
+
+def bed_between_voids(
+    bodies: pd.DataFrame, library: Meshes, scene: Mapping, radius_um: float
+) -> Intergranular | None:
+    """How porous a bed is between its voids, on planes across each of the three axes as on a section.
+
+    Parameters
+    ----------
+    bodies : DataFrame
+        As :func:`~grainfall.volume.voxelise` takes them; virtual bodies are left out.
+    library : Library
+    scene : mapping
+        shape_zyx, voxel_size_um, resolution_um.
+    radius_um : float
+        Of the disc by which pores are opened for their voids; planes are as far apart, too, and reach two
+        radii beyond the region, so that its own edge cuts no void.
+
+    Returns
+    -------
+    Intergranular or None
+        As :func:`grainfall.morphology.intergranular` gives it.
+    """
+    voxel, resolution = scene["voxel_size_um"], scene["resolution_um"]
+    rim = int(np.ceil(np.ceil(2 * radius_um / resolution) * resolution / voxel))
+    bodies = bodies[bodies["kind"] == "grain"]
+    centre = bodies[["z", "y", "x"]].to_numpy(float)
+    widest = np.array([np.linalg.norm(v, axis=1).max() for v in library.vertices])
+    reach = bodies["scale"].to_numpy(float)
+    reach = reach * np.where(bodies["shape"] < 0, 1.0, widest[bodies["shape"]])
+
+    def planes():
+        for axis, n in enumerate(scene["shape_zyx"]):
+            shape = np.array(scene["shape_zyx"]) + 2 * rim
+            shape[axis] = 1
+            number = max(1, round(n * voxel / radius_um))
+            for index in ((np.arange(number) + 0.5) * n / number).astype(int):
+                start = np.full(3, -rim * voxel)
+                start[axis] = index * voxel
+                near = np.abs(centre[:, axis] - start[axis]) <= reach + voxel
+                phase, _ = voxelise(bodies[near], library, tuple(shape), voxel, tuple(start[::-1]))
+                yield resample(phase.squeeze(axis) == 0, voxel, resolution)
+
+    return intergranular(planes(), resolution, radius_um)
