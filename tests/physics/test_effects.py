@@ -95,6 +95,7 @@ def deficit(first, target):
         "porosity_target": target,
         "overgrowth": {"on": False, "porosity": target},
         "virtual_spheres": {"on": False, "for_tail": False, "p_sp": 0.0},
+        "between": None,
     }
 
 

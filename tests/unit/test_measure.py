@@ -11,7 +11,9 @@ from grainfall.errors import InputError
 from grainfall.morphology import (
     grain_masks,
     inscribed_circles,
+    intergranular,
     measure_grains,
+    solid_radius,
     split_grains,
     split_pores,
 )
@@ -254,3 +256,56 @@ def test_pore_circles_of_small_windows_are_those_of_the_whole():
     error = 3 * parts.r_um.std() / np.sqrt(len(parts))
     assert np.average(parts.r_um, weights=parts.weight) == pytest.approx(expected, abs=error)
     assert parts.r_um.mean() < expected - 2 * error
+
+
+# ---- between voids
+
+
+def punched(period, discs, radius, edge=400):
+    """Stripes of pore, every ``period``-th row, in solid, with round voids in it."""
+    pore = np.zeros((edge, edge), bool)
+    pore[::period] = True
+    y, x = np.indices(pore.shape)
+    void = np.zeros_like(pore)
+    for cy, cx in discs:
+        void |= (y - cy) ** 2 + (x - cx) ** 2 <= radius**2
+    return pore | void, void
+
+
+@pytest.mark.parametrize("period", [4, 8])
+def test_porosity_between_voids_does_not_see_them(period):
+    """Between the voids it is 1 / period whatever they take, and the two make up the porosity."""
+    discs = [(90.0, 120.0), (150.0, 300.0), (290.0, 200.0)]
+    image, void = punched(period, discs, 40.0)
+    bare, _ = punched(period, [], 40.0)
+    found, plain = (intergranular([one], 0.5, 10.0) for one in (image, bare))
+    inside = np.s_[40:-40, 40:-40]
+    assert plain.voids == 0
+    assert plain.porosity == pytest.approx(bare[inside].mean())
+    assert found.voids == pytest.approx(void[inside].mean(), abs=0.003)
+    assert found.porosity == pytest.approx(1 / period, abs=0.005)
+    assert image[inside].mean() == pytest.approx(found.voids + (1 - found.voids) * found.porosity)
+    assert found.radius_um == 10.0
+
+
+def test_several_images_make_one_mean_and_a_small_one_tells_nothing():
+    images = [punched(period, [], 1.0)[0] for period in (4, 8)]
+    assert intergranular(images, 1.0, 10.0).porosity == pytest.approx(3 / 16, abs=0.005)
+    assert intergranular([images[0][:45]], 1.0, 10.0) is None
+    assert intergranular([np.ones((99, 99), bool)], 1.0, 10.0) is None
+
+
+def test_error_between_voids_is_that_of_repeated_sections():
+    """Cells of a random pattern are independent: their scatter tells that of whole images."""
+    rng = np.random.default_rng(5)
+    found = [
+        intergranular([gaussian_filter(rng.random((200, 200)), 1.0) > 0.54], 1.0, 8.0) for _ in range(40)
+    ]
+    scatter = np.std([one.porosity for one in found], ddof=1)
+    assert np.mean([one.error for one in found]) == pytest.approx(scatter, rel=0.35)
+
+
+def test_the_mean_point_of_the_solid_lies_in_a_large_grain():
+    grains = pd.DataFrame({"r_um": [1.0, 3.0], "weight": [9.0, 1.0]})
+    assert solid_radius(grains) == pytest.approx(2.0)
+    assert solid_radius(grains.assign(weight=0.0)) == 0

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from grainfall import packing, stereology
 from grainfall.errors import InputError
+from grainfall.morphology import Intergranular
 from grainfall.packing.densify import SLICK
 from grainfall.surface import SolidSurface
 
@@ -531,6 +532,118 @@ def test_voids_of_the_tail_keep_their_share():
     found = packing.size_voids(plan, lambda p: bed.pour(p, 1.0), lambda bodies: 1.1, bed.porosity)
     odds = found["p_sp"] / (1 - found["p_sp"]) * found["scale"] ** 3
     assert odds == pytest.approx(p / (1 - p))
+
+
+# ---- between voids
+
+
+class Loosened(Bed):
+    """Virtual spheres loosen the grains about them, friction keeps them so: its logarithm tells how far."""
+
+    def matrix(self, lubrication):
+        return self.first + 0.03 + self.slick * np.log10(lubrication)
+
+    def porosity(self, grains):
+        p, lubrication, _ = self.of(grains)
+        solid = 1 - self.matrix(lubrication)
+        return 1 - solid / (1 + self.c * p / (1 - p) * solid)  # voids by grains as spheres by grains
+
+    def between(self, grains):
+        return self.matrix(self.of(grains)[1])
+
+    def second(self, plan, **over):
+        given = {"between_of": self.between, "passes": 6} | over
+        return packing.pack_again(plan, self.pour, self.rested, self.porosity, FIRST, **given)
+
+
+def vuggy(between, error=0.003, **over):
+    """A section with voids that is so porous between them; the bed has 0.35, and 0.38 with its spheres."""
+    return deficit(0.35, tail=VUGS, between=Intergranular(20.0, 0.1, between, error), **over)[1]
+
+
+@pytest.mark.parametrize("voids", [True, False])
+@pytest.mark.parametrize("between", [0.35, 0.36])
+def test_grains_between_voids_are_lubricated_until_they_lie_as_the_sections(between, voids):
+    bed, plan = Loosened(0.35), vuggy(between)
+    bed.c, given = 0.3, {}
+    if voids:
+        odds = ((1 - 0.38) / 0.6 - 1) / (1 - 0.38) / bed.c
+        plan["virtual_spheres"]["p_sp"] = odds / (1 + odds)  # of the target at full friction
+        given = {"voids": {"between": 0.38}}
+    bodies, report = bed.second(plan, **given)
+    assert report["reached"]
+    found, dense = report["between"], report["densification"]
+    assert dense["on"]
+    assert not dense["forced"]
+    assert "is 0.380 porous, which exceeds the section's" in dense["reason"]
+    assert found["came_to"] == pytest.approx(between)
+    assert found["lubrication"] == pytest.approx(10 ** ((between - 0.38) / bed.slick))
+    # one pour with the least friction, and one by the same friction as the first where none is known
+    assert bed.poured[0 if voids else 1][1] == SLICK
+    assert found["wall_s"] == 2.0 if voids else 4.0
+    assert {lubrication for _, lubrication in bed.poured[1 if voids else 2 :]} == {found["lubrication"]}
+    # the next guess of the probability meets the target at once: void is to solid as spheres are to grains
+    assert len(report["passes"]) == 1
+    assert bed.porosity(bodies[bodies["kind"] == "grain"]) == pytest.approx(0.4, abs=1e-9)
+    assert bed.rests == [(found["p_sp"], found["lubrication"], 0)]
+
+
+def test_grains_that_lie_as_the_sections_are_left_as_they_are():
+    """Within what the section's sampling explains nothing is poured twice, nor lubricated."""
+    for between in (0.375, 0.38, 0.5):
+        bed = Loosened(0.35)
+        _, report = bed.second(vuggy(between))
+        assert not report["densification"]["called_for"]
+        assert "does not exceed the section's" in report["densification"]["reason"]
+        assert report["between"] is None
+        assert {lubrication for _, lubrication in bed.poured} == {1.0}
+        assert sum(one["wall_s"] for one in report["passes"]) == 2 * len(bed.poured) + len(bed.rests)
+
+
+def test_denser_between_voids_switched_off_visibly_misses_and_forced_without_need_does_nothing():
+    bed = Loosened(0.35)
+    bodies, report = bed.second(vuggy(0.35), densification="off")
+    assert report["densification"]["called_for"]
+    assert not report["densification"]["on"]
+    assert bed.between(bodies[bodies["kind"] == "grain"]) == pytest.approx(0.38)
+    _, report = Loosened(0.35).second(vuggy(0.39), densification="on")
+    assert report["between"] is None
+    assert "with nothing to do" in report["densification"]["reason"]
+
+
+@given(st.floats(0.05, 0.9), st.floats(-0.2, 0.3), st.floats(0.001, 2.0))
+def test_friction_between_voids_stays_within_its_bounds(between, slick, c):
+    """However dense the section, and whatever friction does to a bed."""
+    bed = Loosened(0.35, slick=slick, c=c)
+    _, report = bed.second(vuggy(between), passes=3)
+    for p, lubrication in bed.poured:
+        assert 0 < p < 1
+        assert SLICK <= lubrication <= 1
+    if report["between"] is not None and bed.matrix(SLICK) >= report["between"]["rough"]:
+        assert report["between"]["lubrication"] == SLICK
+
+
+def test_a_region_that_is_all_void_calls_for_nothing():
+    _, report = Loosened(0.35).second(vuggy(0.3), between_of=lambda grains: None)
+    assert not report["densification"]["on"]
+    assert "nothing of the region lies between voids" in report["densification"]["reason"]
+
+
+@pytest.mark.parametrize(
+    ("first", "over"),
+    [(0.35, {"tail": NO_TAIL}), (0.395, {"tail": VUGS}), (0.35, {"tail": VUGS, "switch": "off"})],
+)
+def test_only_spheres_in_voids_that_the_section_has_are_held_against_it(first, over):
+    """Not where the porosity is none of the section's, nor where the share of the tail is kept."""
+    assert deficit(first, between=Intergranular(20.0, 0.1, 0.3, 0.003), **over)[1]["between"] is None
+
+
+def test_rims_fill_pores_between_the_voids():
+    """phi = v + (1 - v) phi_between, before them and after, with the same voids."""
+    plan = vuggy(0.33, overgrowth=TOGETHER)
+    voids = 1 - (1 - 0.4) / (1 - 0.33)
+    before = plan["overgrowth"]["porosity"]
+    assert voids + (1 - voids) * plan["between"]["wanted"] == pytest.approx(before)
 
 
 # ---- refinement

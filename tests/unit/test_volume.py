@@ -495,3 +495,25 @@ def test_void_width_is_told_by_whole_voids_alone():
 def test_void_width_without_a_grain_is_finite():
     bodies, library = cavity(12.0, 10.0)
     assert np.isfinite(volume.void_width(bodies.iloc[:1], library, (120, 120, 120), 0.5))
+
+
+def test_a_bed_between_its_voids_is_the_bed_without_them():
+    """Cubes at random: a block of them taken out changes the porosity, not that between voids."""
+    at = np.random.default_rng(3).uniform(-20, 120, (24_000, 3))
+    library, scale = library_of(trimesh.creation.box(extents=(1, 1, 1))), 2.0
+    rows = [(0, scale, tuple(p)) for p in at]
+    scene = {"shape_zyx": (100, 100, 100), "voxel_size_um": 1.0, "resolution_um": 1.0}
+    whole = bodies_of(rows)
+    hole = (np.abs(whole[["x", "y", "z"]] - 50) < 22).all(axis=1)
+    plain, holed = (volume.bed_between_voids(bodies, library, scene, 8.0) for bodies in (whole, whole[~hole]))
+    assert plain.voids < 0.02
+    assert holed.voids > 0.05
+    assert plain.porosity == pytest.approx(np.exp(-24_000 / 140**3 * 4 / 3 * np.pi * scale**3), abs=0.02)
+    assert holed.porosity == pytest.approx(plain.porosity, abs=0.02)
+    loose = volume.bed_between_voids(whole[~hole].assign(scale=0.9 * scale), library, scene, 8.0)
+    assert loose.porosity > holed.porosity + 0.03
+    # virtual bodies hold nothing there, and a region of air has no between
+    virtual = whole.assign(kind="virtual").assign(id=whole["id"] + len(whole))
+    same = volume.bed_between_voids(pd.concat([whole[~hole], virtual]), library, scene, 8.0)
+    assert same == holed
+    assert volume.bed_between_voids(whole.iloc[:0], library, scene, 8.0) is None
