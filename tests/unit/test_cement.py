@@ -141,7 +141,7 @@ SCENE = {
     "mean_diameter_um": 20.0,
     "phases": ["pore", "quartz", "feldspar"],
 }
-NEEDED = {"called_for": True, "on": True}
+NEEDED = {"called_for": True, "on": True, "too_loose": True}
 
 
 def finished(target, densification=NEEDED, overgrowth=None, **switches):
@@ -164,10 +164,15 @@ PLAIN = 1 - 4 / 3 * np.pi * 10**3 / 32**3
     ("target", "given", "on", "words"),
     [
         (0.6, {}, True, "densification leaves a porosity of 0.87"),
-        (0.6, {"densification": {"called_for": True, "on": False}}, True, "the packing leaves a porosity"),
         (
             0.6,
-            {"densification": {"called_for": False, "on": False}},
+            {"densification": NEEDED | {"on": False}},
+            True,
+            "the packing leaves a porosity",
+        ),
+        (
+            0.6,
+            {"densification": NEEDED | {"too_loose": False}},
             False,
             "the virtual spheres, not",
         ),
@@ -200,7 +205,7 @@ def test_forced_cement_without_a_deficit_changes_nothing():
 def test_grains_grown_together_are_cemented_though_the_packing_met_its_aim():
     """Scaling aims at the porosity before the rims, and rims fill what lies between it and the target."""
     grown = {"on": True, "called_for": True, "reason": "grown together", "porosity": PLAIN}
-    poured_right = {"called_for": False, "on": False}
+    poured_right = {"called_for": False, "on": False, "too_loose": False}
     _, phase, _, scaling, rims = finished(0.868, poured_right, grown)
     assert scaling["target"] == PLAIN
     assert rims["on"]
@@ -227,7 +232,7 @@ def test_only_a_rock_denser_than_its_grains_pour_to_is_pressed():
     """Whether the bed came to what was wanted before the rims is chance, and does not matter."""
     rougher = {"section_per_um": np.inf}
     grown = {"on": True, "called_for": True, "reason": "grown together", "porosity": PLAIN, **rougher}
-    poured = {"called_for": False, "on": False}
+    poured = {"called_for": False, "on": False, "too_loose": False}
     assert not finished(0.75, poured, overgrowth=grown)[4]["compaction"]["on"]
     assert finished(0.75, overgrowth=grown)[4]["compaction"]["on"]
     _, phase, *_, rims = finished(0.75, overgrowth={**grown, "porosity": 0.8})

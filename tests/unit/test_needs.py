@@ -132,5 +132,5 @@ def test_whether_a_twin_gets_rims_comes_from_its_packings(tmp_path, overgrowth, 
     io.write_json(tmp_path / "deficit.json", {"overgrowth": {"on": bool(overgrowth)}})
     assert not needs.cemented(tmp_path)
     (tmp_path / "second").mkdir()
-    io.write_json(tmp_path / "second/packing.json", {"densification": {"called_for": bool(densification)}})
+    io.write_json(tmp_path / "second/packing.json", {"densification": {"too_loose": bool(densification)}})
     assert needs.cemented(tmp_path) == rims

@@ -148,7 +148,7 @@ def cemented(twin: str | Path) -> bool:
     with suppress(InputError, KeyError, TypeError, ValueError):
         overgrowth = io.read_json(Path(twin) / "deficit.json")["overgrowth"]
         second = io.read_json(Path(twin) / "second/packing.json")
-        return bool(overgrowth["on"] or second["densification"]["called_for"])
+        return bool(overgrowth["on"] or second["densification"]["too_loose"])
     return False
 
 

@@ -616,7 +616,8 @@ def pack_again(
     report : dict
         That of the packing kept, with ``passes`` (p_sphere, lubrication, taps, porosity, at_rest, wall_s of
         each; one that misses as poured is not brought to rest), ``porosity``, ``reached``, ``reason`` (why
-        not), ``densification``: on, forced, called_for, reason, and ``between``: None, or what
+        not), ``densification``: on, forced, called_for, reason, too_loose (whether the grains were, not what
+        their spheres opened), and ``between``: None, or what
         :func:`match_between` gives, with ``came_to``: porosity between voids of the packing kept.
     """
     target, spheres = deficit["overgrowth"]["porosity"], deficit["virtual_spheres"]
@@ -669,6 +670,7 @@ def pack_again(
         between["came_to"] = between_of(bodies[bodies["kind"] == "grain"])
         dense["reason"] += f"; with friction times {lubrication:.2g}"
         dense["reason"] += "" if between["came_to"] is None else f" it is {between['came_to']:.3f} porous"
+    dense["too_loose"] = bool(too_loose > limit)
     reached = abs(trials.porosity - target) <= limit
     return bodies, {
         **report,

@@ -40,7 +40,8 @@ def finish(
         As :func:`grainfall.packing.plan_deficit` gives it: cement is called for where the section's grains
         have grown together, and positions are then scaled to the porosity before their rims.
     densification : mapping
-        Of the second packing's report: cement is called for, too, where densification was and fell short.
+        Of the second packing's report: cement is called for, too, where the grains were too loose and
+        densification fell short.
     switches : mapping
         ``position_scaling``, ``cement`` and ``compaction``: auto, on or off.
     limit : float
@@ -73,7 +74,7 @@ def finish(
         reason = f"porosity {left:.4f} is not above the target {target:.4f}"
     elif left - target <= limit:
         reason = f"porosity {left:.4f} is within {limit:g} of the target {target:.4f}"
-    elif not densification["called_for"]:
+    elif not densification["too_loose"]:
         reason = (
             f"porosity {left:.4f} is above the target {target:.4f} by the virtual spheres, not the grains"
         )
@@ -82,7 +83,7 @@ def finish(
         reason = f"{means} leaves a porosity of {left:.4f}, above the target {target:.4f}"
     rims = decide(
         switches["cement"],
-        overgrowth["called_for"] or (densification["called_for"] and left - target > limit),
+        overgrowth["called_for"] or (densification["too_loose"] and left - target > limit),
         reason,
         possible=(left - target) * np.prod(shape, dtype=float) >= 1,
     )
