@@ -293,6 +293,8 @@ def test_several_images_make_one_mean_and_a_small_one_tells_nothing():
     assert intergranular(images, 1.0, 10.0).porosity == pytest.approx(3 / 16, abs=0.005)
     assert intergranular([images[0][:45]], 1.0, 10.0) is None
     assert intergranular([np.ones((99, 99), bool)], 1.0, 10.0) is None
+    assert intergranular(images, 1.0, 2.9) is None
+    assert intergranular(images, 1.0, 0.0) is None
 
 
 def test_error_between_voids_is_that_of_repeated_sections():

@@ -623,6 +623,17 @@ def test_friction_between_voids_stays_within_its_bounds(between, slick, c):
         assert report["between"]["lubrication"] == SLICK
 
 
+def test_beds_without_a_grain_between_voids_leave_a_probability():
+    """All pore between the voids, or all pore: no division by what is left of the solid."""
+    for opened, between in ((1.0, 1.0), (0.5, 1.0), (1.0, 0.4)):
+        plan = vuggy(0.35)
+        found = packing.stages.match_between(
+            plan, 0.4, 0.38, Loosened(0.35).pour, lambda grains, to=opened: to, lambda grains, to=between: to
+        )
+        assert 0 < found["p_sp"] < 1
+        assert SLICK <= found["lubrication"] <= 1
+
+
 def test_a_region_that_is_all_void_calls_for_nothing():
     _, report = Loosened(0.35).second(vuggy(0.3), between_of=lambda grains: None)
     assert not report["densification"]["on"]

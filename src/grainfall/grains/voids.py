@@ -8,7 +8,14 @@ import numpy as np
 import pandas as pd
 
 from grainfall.grains.library import Library, build_library
-from grainfall.morphology import inscribed_circles, measure_grains, solid_radius, split_pores, voids
+from grainfall.morphology import (
+    NARROWEST_PX,
+    inscribed_circles,
+    measure_grains,
+    solid_radius,
+    split_pores,
+    voids,
+)
 
 VOID = 0
 """Phase of the shapes of voids."""
@@ -18,9 +25,6 @@ FEWEST = 12
 
 SHAPES = 40
 """Shapes made: a region holds some dozens of voids, and to cut one into convex pieces takes seconds."""
-
-NARROWEST_PX = 3.0
-"""Radius, pixels, of a disc that still resembles one."""
 
 
 def void_shapes(
@@ -62,7 +66,7 @@ def void_shapes(
         the size bin. None where the section has fewer than :data:`FEWEST` voids, or too coarse pixels.
     """
     radius = solid_radius(grains2d)
-    if radius == 0 or radius < NARROWEST_PX * pixel_size_um:
+    if radius < NARROWEST_PX * pixel_size_um:
         return None
     wide = voids(phase == 0, radius / pixel_size_um)
     labels = split_pores(np.uint8(~wide), persistence=pore_persistence, min_radius_px=min_radius_px)

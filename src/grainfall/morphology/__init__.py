@@ -5,9 +5,10 @@ from grainfall.morphology.classify import classify_grains
 from grainfall.morphology.measure import grain_masks, measure_grains, sampling_weights
 from grainfall.morphology.pores import inscribed_circles
 from grainfall.morphology.split import coverage, split_grains, split_pores
-from grainfall.morphology.voids import Intergranular, intergranular, solid_radius, voids
+from grainfall.morphology.voids import NARROWEST_PX, Intergranular, intergranular, solid_radius, voids
 
 __all__ = [
+    "NARROWEST_PX",
     "Analysis",
     "Intergranular",
     "analyse",

@@ -11,6 +11,9 @@ import skimage  # its parts load when they are first used
 
 from grainfall.surface import CELLS, by_cells, ratio_of_sums
 
+NARROWEST_PX = 3.0
+"""Radius, pixels, of a disc that still resembles one."""
+
 
 @dataclass(frozen=True)
 class Intergranular:
@@ -87,8 +90,11 @@ def intergranular(
     Returns
     -------
     Intergranular or None
-        None where an image is no wider than its rim, or nothing lies between voids.
+        None where an image is no wider than its rim, nothing lies between voids, or the disc is of too few
+        pixels.
     """
+    if radius_um < NARROWEST_PX * pixel_size_um:
+        return None
     rim = int(np.ceil(2 * radius_um / pixel_size_um))
     parts = round(CELLS**0.5)
     pores, between, size = [], [], 0

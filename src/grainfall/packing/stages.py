@@ -483,7 +483,7 @@ def match_between(
 def _with_voids(p_sp: float, porosity: float, between: float, target: float, wanted: float) -> float:
     """Probability of a sphere for another porosity, and another one between voids: as void is to solid."""
     found, needed = (
-        max(0.0, 1 - (1 - phi) / (1 - matrix)) / (1 - phi)
+        max(0.0, 1 - (1 - phi) / (1 - min(matrix, EMPTY))) / (1 - min(phi, EMPTY))
         for phi, matrix in ((porosity, between), (target, wanted))
     )
     odds = p_sp / (1 - p_sp)
