@@ -580,7 +580,7 @@ def test_grains_between_voids_are_lubricated_until_they_lie_as_the_sections(betw
     assert found["lubrication"] == pytest.approx(10 ** ((between - 0.38) / bed.slick))
     # one pour with the least friction, and one by the same friction as the first where none is known
     assert bed.poured[0 if voids else 1][1] == SLICK
-    assert found["wall_s"] == 2.0 if voids else 4.0
+    assert found["wall_s"] == (2.0 if voids else 4.0)
     assert {lubrication for _, lubrication in bed.poured[1 if voids else 2 :]} == {found["lubrication"]}
     # the next guess of the probability meets the target at once: void is to solid as spheres are to grains
     assert len(report["passes"]) == 1

@@ -82,7 +82,7 @@ def intergranular(
     Parameters
     ----------
     images : iterable of (y, x) ndarray of bool
-        Pores of a section, or of parallel slices of a bed.
+        Pores of a section, or of slices of a bed.
     pixel_size_um : float
     radius_um : float
         See :func:`solid_radius`.

@@ -94,10 +94,6 @@ def bed_between_voids(
     voxel, resolution = scene["voxel_size_um"], scene["resolution_um"]
     rim = int(np.ceil(np.ceil(2 * radius_um / resolution) * resolution / voxel))
     bodies = bodies[bodies["kind"] == "grain"]
-    centre = bodies[["z", "y", "x"]].to_numpy(float)
-    widest = np.array([np.linalg.norm(v, axis=1).max() for v in library.vertices])
-    reach = bodies["scale"].to_numpy(float)
-    reach = reach * np.where(bodies["shape"] < 0, 1.0, widest[bodies["shape"]])
 
     def planes():
         for axis, n in enumerate(scene["shape_zyx"]):
@@ -107,8 +103,7 @@ def bed_between_voids(
             for index in ((np.arange(number) + 0.5) * n / number).astype(int):
                 start = np.full(3, -rim * voxel)
                 start[axis] = index * voxel
-                near = np.abs(centre[:, axis] - start[axis]) <= reach + voxel
-                phase, _ = voxelise(bodies[near], library, tuple(shape), voxel, tuple(start[::-1]))
+                phase, _ = voxelise(bodies, library, tuple(shape), voxel, tuple(start[::-1]))
                 yield resample(phase.squeeze(axis) == 0, voxel, resolution)
 
     return intergranular(planes(), resolution, radius_um)
