@@ -203,11 +203,14 @@ def test_memory_reached(tmp_path):
     assert kills.litter(folder) == []
 
 
-def test_damaged_copy_in_the_cache_between_workflows(tmp_path, monkeypatch):
+def test_damaged_copy_in_the_cache_between_workflows(undisturbed, tmp_path, monkeypatch):
     cache = tmp_path / "cache"
     cache.mkdir()
     monkeypatch.setenv("SNAKEMAKE_OUTPUT_CACHE", str(cache))
-    one, two = (kills.prepare(tmp_path / user) for user in ("one", "two"))
+    one, two = (shutil.copytree(undisturbed, tmp_path / user) for user in ("one", "two"))
+    for user in (one, two):
+        shutil.rmtree(user / "results/s/grains3d")
+        shutil.rmtree(user / "results/s/full")
     assert kills.run(one, "results/s/grains3d", "--cache")[0] == 0
     (cached,) = cache.rglob("shapes.npz")
     data = bytearray(cached.read_bytes())

@@ -142,35 +142,30 @@ def test_plan_says_why(finished):
 
 def test_virtual_spheres_take_the_shapes_of_voids(finished, tmp_path):
     """Or stay round, where told to: grains and first packing are the same to the byte either way."""
-    folder, without = tmp_path / "shaped", tmp_path / "round"
-    for to, effects in ((folder, {"void_shapes": "on"}), (without, {"void_shapes": "off"})):
-        shutil.copytree(finished, to)
-        write_config(to, changed(realizations=1, variants={"other": {"effects": effects}}), "other.yaml")
-        wanted = [f"results/tiny/other/0/{name}" for name in ("metrics.csv", "plan.json", "contacts.csv")]
-        done = snakemake(to, "--", *wanted, config="other.yaml")
-        assert done.returncode == 0, done.stdout[-6000:]
-    made, plain = (f / "results/tiny/other/0" for f in (folder, without))
+    folder = shutil.copytree(finished, tmp_path / "round")
+    write_config(folder, changed(realizations=1, effects={"void_shapes": "off"}), "round.yaml")
+    wanted = [f"results/tiny/full/0/{name}" for name in ("bodies.csv", "plan.json")]
+    done = snakemake(folder, "--", *wanted, config="round.yaml")
+    assert done.returncode == 0, done.stdout[-6000:]
     before, after = (
         pd.read_csv(f / "results/tiny/grains3d/library.csv", float_precision="round_trip")
-        for f in (without, folder)
+        for f in (folder, finished)
     )
     pd.testing.assert_frame_equal(after[after.phase > 0], before)
     assert (after.phase[len(before) :] == 0).all()
+    plain, shaped = twin(folder), twin(finished)
     for name in ("first/bodies.csv", "virtual_spheres.csv"):
-        assert (made / name).read_bytes() == (plain / name).read_bytes()
-        assert (made / name).read_bytes() == (twin(finished) / name).read_bytes()
-    poured = pd.read_csv(made / "second/bodies.csv")
+        assert (shaped / name).read_bytes() == (plain / name).read_bytes()
+    poured = pd.read_csv(shaped / "second/bodies.csv")
     held = poured["shape"] >= len(before)
     assert held.any()
     assert (poured.kind[held] == "virtual").all()
     assert (pd.read_csv(plain / "second/bodies.csv")["shape"] < len(before)).all()
-    shaped, round_ = (json.loads((t / "plan.json").read_text())["void_shapes"] for t in (made, plain))
-    assert shaped["on"]
-    assert not round_["on"]
-    assert round_["forced"]
-    for t in (made, plain):
-        metrics = pd.read_csv(t / "metrics.csv").set_index("metric")["value"]
-        assert metrics["porosity"] == pytest.approx(TINY["scene"]["porosity"], abs=0.0005)
+    effects = [json.loads((t / "plan.json").read_text())["void_shapes"] for t in (shaped, plain)]
+    assert [(effect["on"], effect["forced"]) for effect in effects] == [(True, False), (False, True)]
+    for t in (shaped, plain):
+        met = io.read_json(t / "correction.json")["after"]["porosity"]
+        assert met == pytest.approx(TINY["scene"]["porosity"], abs=0.0005)
 
 
 def test_rock_too_dense_for_its_grains_is_cemented(finished, tmp_path):
@@ -181,7 +176,8 @@ def test_rock_too_dense_for_its_grains_is_cemented(finished, tmp_path):
         name: {"scene": {"porosity": 0.12}, "effects": {"densification": "off", **effects}}
         for name, effects in off.items()
     }
-    write_config(folder, changed(realizations=1, variants=dense), "dense.yaml")
+    short = {"correlation": {"chunks": 1}, "contacts": {"resettled": 0}}
+    write_config(folder, changed(realizations=1, variants=dense, **short), "dense.yaml")
     twins = pressed, cemented, bare = [folder / f"results/tiny/{name}/0" for name in off]
     wanted = [f"{twin}/{name}" for twin in twins for name in ("metrics.csv", "plan.json")]
     wanted += [cemented / "figures/block.svg", folder / "results/summary.csv"]
@@ -224,7 +220,9 @@ def test_rock_too_dense_for_its_grains_is_cemented(finished, tmp_path):
     assert rougher["solid_surface_per_um"] > metrics["solid_surface_per_um"]
     assert rougher["cement_share"] < metrics["cement_share"]
     # the first variant is what others are compared with: in another order the table is another
-    write_config(folder, changed(realizations=1, variants=dict(reversed(dense.items()))), "dense.yaml")
+    write_config(
+        folder, changed(realizations=1, variants=dict(reversed(dense.items())), **short), "dense.yaml"
+    )
     assert planned(folder, "--", "results/summary.csv", config="dense.yaml") == {"summary": 1}
 
 
@@ -344,7 +342,7 @@ def test_voxels_may_be_finer_than_the_pixels_of_the_section(finished, tmp_path):
     """Slices are measured on the section's pixels, whatever the twin's voxels."""
     folder = shutil.copytree(finished, tmp_path / "run")
     write_config(folder, changed(scene={"voxel_size_um": 1.25}, realizations=1), "fine.yaml")
-    done = snakemake(folder, "--", "results/tiny/full/0/metrics.csv", config="fine.yaml")
+    done = snakemake(folder, "--", "results/tiny/full/0/grains2d.csv", config="fine.yaml")
     assert done.returncode == 0, done.stdout[-3000:]
     before, after = (io.read_table(run / "results/tiny/full/0/grains2d.csv") for run in (finished, folder))
     assert after["index"].max() < 40
@@ -472,7 +470,13 @@ def content(path):
 
 
 def test_one_core_and_other_chunks_give_the_same_bytes(finished, tmp_path):
-    folder = write_config(tmp_path / "again", changed(correlation={"chunks": 3}))
+    """One twin from its packing on, S2 of both, the truth's network and flow, and what gathers them."""
+    folder = shutil.copytree(finished, tmp_path / "again")
+    shutil.rmtree(twin(folder))
+    anew = [*(folder / "results").rglob("s2_*.csv"), *(folder / "results/tiny").glob("reference_*.csv")]
+    for path in (*anew, folder / "results/summary.csv"):
+        path.unlink()
+    write_config(folder, changed(correlation={"chunks": 3}))
     # figures and pages are not compared: they tell of times
     done = snakemake(folder, "--omit-from", "figure", "ensembles_figure", cores=1)
     assert done.returncode == 0, done.stdout[-6000:]
