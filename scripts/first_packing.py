@@ -18,6 +18,7 @@ with stage(snakemake) as progress, checkpoints(snakemake) as folder:
         pack_with,
         packing.parameters_of(settings["packing"], settings["effects"]),
         settings["effects"]["refinement"],
+        progress,
     )
     io.write_table(snakemake.output.bodies, bodies)
     io.write_table(snakemake.output.forces, report.pop("forces"))

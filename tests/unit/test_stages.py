@@ -681,11 +681,13 @@ def coarse_and_fine(overlap):
 )
 def test_refinement_where_grains_overlap(overlap, switch, on):
     tried, pack_with = coarse_and_fine(overlap)
-    _, report = packing.pack_first(pack_with, packing.Parameters(), switch)
+    said = []
+    _, report = packing.pack_first(pack_with, packing.Parameters(), switch, said.append)
     found = report["refinement"]
     assert found["on"] is on
     assert found["forced"] is (switch != "auto")
     assert len(tried) == 1 + on
+    assert [line.split(":")[0] for line in said] == ["poured again with half the time step"] * on
     assert f"of the collision shapes, {overlap:.4f} of the smaller radius" in found["reason"]
     if on:
         assert tried[1].dt == tried[0].dt / 2

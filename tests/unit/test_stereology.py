@@ -107,8 +107,8 @@ def test_section_moments_follow_from_the_estimate():
 def test_correction_reverses_for_wide_distributions():
     """E[r]/E[R] = (pi/4)(1 + CV^2): sections look smaller below CV 0.52 and larger above."""
     rng = np.random.default_rng(3)
-    narrow = unfold(lognormal_sections(2000, rng, sigma=0.2))
-    wide = unfold(lognormal_sections(2000, rng, sigma=0.8))
+    narrow = unfold(lognormal_sections(600, rng, sigma=0.2))
+    wide = unfold(lognormal_sections(600, rng, sigma=0.8))
     assert narrow.mean("f2d") < narrow.mean()
     assert wide.mean("f2d") > wide.mean()
 
@@ -132,9 +132,9 @@ def test_weights_act_like_copies():
 def test_weights_undo_a_biased_look():
     """Sections missed in proportion to their size and weighted by the inverse tell what all of them tell."""
     rng = np.random.default_rng(11)
-    radii = lognormal_sections(8000, rng)
+    radii = lognormal_sections(3000, rng)
     seen = np.clip(1.0 - radii / 150.0, 0.2, 1.0)
-    kept = rng.random(8000) < seen
+    kept = rng.random(3000) < seen
     weighted = unfold(radii[kept], 1.0 / seen[kept])
     assert weighted.mean() == pytest.approx(unfold(radii).mean(), rel=0.02)
     assert unfold(radii[kept]).mean() < 0.97 * weighted.mean()

@@ -185,7 +185,12 @@ def let_rest(
     }
 
 
-def pack_first(pack_with: Callable[[Parameters], Packing], parameters: Parameters, switch: str) -> Packing:
+def pack_first(
+    pack_with: Callable[[Parameters], Packing],
+    parameters: Parameters,
+    switch: str,
+    progress: Callable[[str], None] | None = None,
+) -> Packing:
     """The first packing, repeated with a finer solver where grains came to rest too deep in each other.
 
     Parameters
@@ -195,6 +200,8 @@ def pack_first(pack_with: Callable[[Parameters], Packing], parameters: Parameter
     parameters : Parameters
     switch : {"auto", "on", "off"}
         Of the refinement.
+    progress : callable, optional
+        Called with a line of text before all is poured again.
 
     Returns
     -------
@@ -213,6 +220,8 @@ def pack_first(pack_with: Callable[[Parameters], Packing], parameters: Parameter
     ) | {"cost_s": None}
     if refinement["on"]:
         coarse_s = report["wall_s"]
+        if progress:
+            progress(f"poured again with half the time step: {refinement['reason']}")
         bodies, report = pack_with(parameters.refined())
         refinement["cost_s"] = report["wall_s"]
         refinement["reason"] += (
