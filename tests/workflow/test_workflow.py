@@ -180,7 +180,7 @@ def test_rock_too_dense_for_its_grains_is_cemented(finished, tmp_path):
     compared = dense(pressed={}, cemented={"compaction": "off"})
     wanted = [twin / name for twin in (pressed, cemented) for name in ("metrics.csv", "plan.json")]
     wanted += [cemented / "figures/block.svg", folder / "results/summary.csv"]
-    missing = [bare / name for name in ("twin.zarr.zip", "plan.json")]
+    missing = [bare / name for name in ("flow.csv", "plan.json")]
     for variants, files in ((compared, wanted), (dense(bare={"cement": False}), missing)):
         write_config(folder, changed(variants=variants, **short), "dense.yaml")
         done = snakemake(folder, "--", *(f.relative_to(folder) for f in files), config="dense.yaml")
@@ -197,6 +197,8 @@ def test_rock_too_dense_for_its_grains_is_cemented(finished, tmp_path):
         share = (without == mineral).sum() / (without > 0).sum()
         assert metrics[name] == pytest.approx(share, abs=0.1)
     assert metrics["cement_share"] == pytest.approx((phase == 3).mean())
+    uncemented = pd.read_csv(bare / "flow.csv").set_index(["method", "axis"])["k_md"]
+    assert metrics["k_z_md"] < uncemented["network", "z"]
     assert (cemented / "first/bodies.csv").read_bytes() == (bare / "first/bodies.csv").read_bytes()
     # the bed is the same one, smaller by the room for the rims
     room = json.loads((cemented / "cement.json").read_text())["room"]
@@ -339,8 +341,9 @@ def test_a_section_is_read_again_for_what_it_was_read_by_only(tmp_path):
 def test_voxels_may_be_finer_than_the_pixels_of_the_section(finished, tmp_path):
     """Slices are measured on the section's pixels, whatever the twin's voxels."""
     folder = shutil.copytree(finished, tmp_path / "run")
-    write_config(folder, changed(scene={"voxel_size_um": 1.25}, realizations=1), "fine.yaml")
-    done = snakemake(folder, "--", "results/tiny/full/0/grains2d.csv", config="fine.yaml")
+    short = {"realizations": 1, "correlation": {"chunks": 1}, "contacts": {"resettled": 0}}
+    write_config(folder, changed(scene={"voxel_size_um": 1.25}, **short), "fine.yaml")
+    done = snakemake(folder, "--", "results/tiny/full/0/metrics.csv", config="fine.yaml")
     assert done.returncode == 0, done.stdout[-3000:]
     before, after = (io.read_table(run / "results/tiny/full/0/grains2d.csv") for run in (finished, folder))
     assert after["index"].max() < 40
@@ -468,17 +471,23 @@ def content(path):
 
 
 def test_one_core_and_other_chunks_give_the_same_bytes(finished, tmp_path):
-    """One twin from its packing on, S2 of both, the truth's network and flow, and what gathers them."""
+    """From section to grains; a twin from its packing on, S2, the truth's measures, what gathers them."""
+    anew = write_config(tmp_path / "anew", TINY)
+    done = snakemake(anew, "--", "results/tiny/grains3d", cores=1)
+    assert done.returncode == 0, done.stdout[-6000:]
+    first, second = outputs(finished), outputs(anew)
+    assert len(second) > 5
+    assert [name for name in second if first[name] != second[name]] == []
     folder = shutil.copytree(finished, tmp_path / "again")
     shutil.rmtree(twin(folder))
-    anew = [*(folder / "results").rglob("s2_*.csv"), *(folder / "results/tiny").glob("reference_*.csv")]
-    for path in (*anew, folder / "results/summary.csv"):
+    measures = [*(folder / "results").rglob("s2_*.csv"), *(folder / "results/tiny").glob("reference_*.csv")]
+    for path in (*measures, folder / "results/summary.csv"):
         path.unlink()
     write_config(folder, changed(correlation={"chunks": 3}))
     # figures and pages are not compared: they tell of times
     done = snakemake(folder, "--omit-from", "figure", "ensembles_figure", cores=1)
     assert done.returncode == 0, done.stdout[-6000:]
-    first, second = outputs(finished), outputs(folder)
+    second = outputs(folder)
     assert first.keys() == second.keys()
     assert [name for name in first if first[name] != second[name]] == []
     assert any(name.endswith("twin.zarr.zip") for name in first)
