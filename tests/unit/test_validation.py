@@ -20,6 +20,7 @@ from grainfall.report.validation import (
     COLUMNS,
     PAPER,
     REFERENCE_ENVELOPE,
+    _alike,
     _nearer,
     _of_envelope,
     aggregate,
@@ -217,6 +218,27 @@ def test_the_truths_own_slices_are_what_there_is_to_be_reached(tmp_path):
     assert _of_envelope(twins, own) == {"s2_envelope_p": (0.03, 0.04)}
     write(REFERENCE_ENVELOPE, 0.04, 0.1, edge=800.0)  # windows of another size scatter otherwise
     assert _of_envelope(twins, own) == {"s2_envelope_p": (0.03, None)}
+
+
+def test_cubes_of_a_rock_say_what_chance_leaves_of_a_distance():
+    lags = np.array([0.0, 1.0, 2.0])
+
+    def cube(radius, porosity):
+        sizes = {"pore_radius_um": [radius], "pore_volume_um3": [radius**3], "throat_radius_um": [1.0]}
+        return (lags, (1 - porosity) * 0.5**lags), {key: np.array(values) for key, values in sizes.items()}
+
+    def alike(*cubes):
+        return _alike(*(list(of) for of in zip(*cubes, strict=True)))
+
+    assert alike(cube(2.0, 0.3)) == {}
+    assert alike(cube(2.0, 0.3), cube(2.0, 0.3)) == {"s2_gap": (0.0, 0.0), "w1_pores": (0.0, 0.0)}
+    found = alike(cube(1.0, 0.3), cube(1.0, 0.3), cube(2.0, 0.36))
+    # two are held against pores of 1 and 2 um, 1 and 8 um3 of them, the third against pores of 1 um
+    assert found["w1_pores"][0] == pytest.approx((2 * (8 / 9) / (17 / 9) + 1) / 3)
+    assert found["s2_gap"][0] == pytest.approx((2 * 0.03 + 0.06) / 3)
+    none = {key: np.array([]) for key in ("pore_radius_um", "pore_volume_um3", "throat_radius_um")}
+    solid = ((lags, np.ones(3)), none)
+    assert "w1_pores" not in alike(solid, solid)
 
 
 def test_slices_of_a_volume():

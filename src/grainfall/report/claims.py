@@ -155,6 +155,7 @@ def _spheres(table: pd.DataFrame) -> list[Claim]:
         tail, tail_bare = (row_of(table, case, v, "pore_r95_um") for v in ("full", "grains_only"))
         kept = row_of(table, case, "full", "pore_r95_ratio")
         circles = row_of(table, case, "full", "circle_r95_um")
+        every, alike = (row_of(table, case, v, "w1_pores") for v in ("full", "truth"))
         name = "Virtual spheres" if paper else "Virtual spheres, deficit above 0.10"
         if miss is None and not paper:
             continue
@@ -180,7 +181,8 @@ def _spheres(table: pd.DataFrame) -> list[Claim]:
                 f"radius below which 95 % of the pore volume lies over the truth's: {_said(kept)}; "
                 f"{_said(tail, unit='µm')}, truth {_aim(tail)} µm; grains alone "
                 f"{_said(tail_bare, unit='µm')}; circles on slices {_said(circles, unit='µm')}, the "
-                f"section's {_aim(circles)} µm",
+                f"section's {_aim(circles)} µm; all pore radii by volume, distance to the truth's over their "
+                f"mean {_said(every)}" + _chance(alike),
                 _within(kept, 1.0, 0.1),
             ),
         ]
@@ -248,6 +250,11 @@ def _sections(table: pd.DataFrame, case: str) -> list[Claim]:
     ]
 
 
+def _chance(alike: Mapping | None) -> str:
+    """How far cubes of one rock are from each other, where there are several."""
+    return f"; one cube of the truth to its others {interval_words(alike)}" if alike else ""
+
+
 def _aim(row: Mapping | None) -> str:
     return number(row["truth"]) if row else "-"
 
@@ -297,5 +304,7 @@ def _tomogram(table: pd.DataFrame) -> list[Claim]:
         twin, scan = (row_of(table, "xct", v, quantity) for v in ("full", "tomogram"))
         nearer = row_of(table, "xct", "tomogram", f"{quantity}_nearer")
         words = f"twin {_said(twin)}; tomogram {_said(scan)}; nearer by {_said(nearer)}"
+        if quantity != "k_ratio":
+            words += _chance(row_of(table, "xct", "truth", quantity))
         found.append(Claim("xct", claim, paper, words, _surely_above(nearer)))
     return found + _rims(table, "xct")

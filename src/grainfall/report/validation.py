@@ -127,7 +127,7 @@ QUANTITIES: dict[str, Quantity] = {
     "n_ratio": Quantity("grains in a volume over the truth's"),
     "r_mean_ratio": Quantity("mean 3D grain radius over the truth's"),
     "w1_f3d": Quantity("3D grain radii, Wasserstein distance to the truth over its mean"),
-    "s2_gap": Quantity("S₂ in 3D, largest distance to the truth's"),
+    "s2_gap": Quantity("S₂ in 3D, largest distance to the truth's; truth: one of its cubes to the others"),
     "pore_r_um": Quantity("network pore radius, mean by pore volume", "µm"),
     "pore_r95_um": Quantity("network pore radius below which 95 % of the pore volume lies", "µm"),
     "pore_r95_ratio": Quantity("network pore radius (95 % by pore volume) over the truth's"),
@@ -136,7 +136,10 @@ QUANTITIES: dict[str, Quantity] = {
         "µm",
     ),
     "throat_r_um": Quantity("network throat radius, mean", "µm"),
-    "w1_pores": Quantity("network pore radii by volume, Wasserstein distance to the truth over its mean"),
+    "w1_pores": Quantity(
+        "network pore radii by volume, Wasserstein distance to the truth over its mean; truth: one of its "
+        "cubes to the others"
+    ),
     "s2_envelope_p": Quantity(
         "envelope test of the section's S₂ among slices, p (least, largest); section: of its truth"
     ),
@@ -273,23 +276,43 @@ def _truth(sample: Path) -> dict:
 
 
 def _of_references(folders: Sequence[Path]) -> dict:
-    """Cubes of one rock, as far as they are measured: means, and the pores of all."""
+    """Cubes of one rock, as far as they are measured: means, the pores of all, and how alike they are."""
     cubes = [folder for folder in folders if all((folder / name).exists() for name in MEASURED)]
     if not cubes:
         return {}
     k = [_k(folder / "reference_flow.csv") for folder in cubes]
     curves = [radial(folder / "reference_s2.csv") for folder in cubes]
-    s2 = np.mean([values for _, values in curves], axis=0)
+    sizes = [network_sizes(folder / "reference_network") for folder in cubes]
+    s2 = _mean_curve(curves)
     return {
         "k": {
             method: {along: float(np.mean([of[method][along] for of in k])) for along in of_first}
             for method, of_first in k[0].items()
             if all(method in of for of in k)
         },
-        "s2": (curves[0][0], s2),
-        "porosity": 1 - float(s2[0]),
-        "sizes": network.pooled_sizes([network_sizes(folder / "reference_network") for folder in cubes]),
+        "s2": s2,
+        "porosity": 1 - float(s2[1][0]),
+        "sizes": network.pooled_sizes(sizes),
+        "alike": _alike(curves, sizes),
     }
+
+
+def _mean_curve(curves: Sequence[tuple]) -> tuple[np.ndarray, np.ndarray]:
+    """Mean of curves of the same lags."""
+    return curves[0][0], np.mean([values for _, values in curves], axis=0)
+
+
+def _alike(curves: Sequence[tuple], sizes: Sequence[Mapping]) -> dict[str, tuple]:
+    """Distances of one cube of a rock to its others, mean over the cubes: what a perfect twin has of them."""
+    if len(sizes) < 2:
+        return {}
+    found = []
+    for i, (curve, own) in enumerate(zip(curves, sizes, strict=True)):
+        others = network.pooled_sizes([*sizes[:i], *sizes[i + 1 :]])
+        gap, _ = _s2_gap(curve, {"s2": _mean_curve([*curves[:i], *curves[i + 1 :]])})
+        found.append({"s2_gap": gap, "w1_pores": _pore_figures(own, others).get("w1_pores", (None,))[0]})
+    means = pd.DataFrame(found, dtype=float).mean().dropna()
+    return {quantity: (value, 0.0) for quantity, value in means.items()}
 
 
 def _k(path: Path) -> dict[str, dict[str, float]]:
@@ -449,6 +472,7 @@ def _of_truth(truth: Mapping, held: float) -> dict[str, tuple]:
         "porosity": (truth["porosity"], held),
         **{f"k_{axis}": (value, value) for axis, value in next(iter(truth["k"].values())).items()},
         **{q: (value, value) for q, (value, _) in _pore_figures(truth["sizes"], None).items()},
+        **truth["alike"],
     }
 
 
