@@ -890,7 +890,8 @@ def permeability(cases: Cases) -> Figure | None:
     axes.axvspan(0.9, 1.1, color=to_rgba(TRUTH, 0.12), lw=0, label="within 10 %")
     names = [
         f"{r.case}, {r.variant}".replace("_", " ")
-        + f"\n{r.n} twin{'s'[: r.n > 1]}, {r.sections} section{'s'[: r.sections > 1]}"
+        + f"\n{r.n} {'tomogram' if r.variant == 'tomogram' else 'twin'}{'s'[: r.n > 1]}, "
+        + f"{r.sections} section{'s'[: r.sections > 1]}"
         for r in rows.itertuples()
     ]
     axes.set(yticks=range(len(rows)), yticklabels=names, xlabel=describe("k_ratio").label, xlim=(0, None))
