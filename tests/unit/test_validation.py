@@ -159,6 +159,18 @@ def test_twin_and_tomogram_are_told_apart_by_the_whole_interval(by, status):
     assert next(c for c in claims(table) if c.claim.startswith("By K")).status == status
 
 
+def test_claims_say_how_far_cubes_of_the_truth_are_from_each_other():
+    def said(table, case, of):
+        return next(c.ours for c in claims(table) if c.case == case and of in c.claim)
+
+    for case, of in (("xct", "pore sizes"), ("virtual_spheres", "tail")):
+        twins = figures({"a": [0.09], "b": [0.08]}, case, "full", "w1_pores", 0.0)
+        cubes = figures({"a": [0.061], "b": [0.063]}, case, "truth", "w1_pores", 0.0)
+        words = "one cube of the truth to its others"
+        assert words not in said(aggregate(twins), case, of)
+        assert f"{words} 0.062" in said(aggregate(pd.concat([twins, cubes])), case, of)
+
+
 @pytest.mark.parametrize(("half", "status"), [(0.01, SHOWN), (0.2, OPEN), (2.0, OPEN)])
 def test_a_wide_interval_about_bereas_k_shows_nothing(half, status):
     own = figures({"x": [1.02 - half], "y": [1.02], "z": [1.02 + half]}, "berea")

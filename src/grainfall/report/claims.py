@@ -304,7 +304,6 @@ def _tomogram(table: pd.DataFrame) -> list[Claim]:
         twin, scan = (row_of(table, "xct", v, quantity) for v in ("full", "tomogram"))
         nearer = row_of(table, "xct", "tomogram", f"{quantity}_nearer")
         words = f"twin {_said(twin)}; tomogram {_said(scan)}; nearer by {_said(nearer)}"
-        if quantity != "k_ratio":
-            words += _chance(row_of(table, "xct", "truth", quantity))
+        words += _chance(row_of(table, "xct", "truth", quantity))
         found.append(Claim("xct", claim, paper, words, _surely_above(nearer)))
     return found + _rims(table, "xct")
