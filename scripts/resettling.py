@@ -10,8 +10,9 @@ with stage(snakemake) as progress:
     library = grains.Library.load(snakemake.input.library)
     packed = io.read_table(snakemake.input.packed)
     skeleton = packed[packed.kind == "grain"].reset_index(drop=True)
+    moved = io.read_json(snakemake.input.packing)["placement"]["moved_um"]
     settled, report = packing.settle(
-        skeleton,
+        packing.move(skeleton, [-along for along in moved]),  # where it lies in its box
         library,
         packing.box_of(scene),
         packing.parameters_of(settings["packing"], settings["effects"]),
@@ -19,6 +20,7 @@ with stage(snakemake) as progress:
         every=False,  # porosity and S2 do not wait for the last grain
         progress=progress,
     )
+    settled = packing.move(settled, moved)
     before, after = (
         volume.voxelise(bodies, library, scene["shape_zyx"], scene["voxel_size_um"])[0] > 0
         for bodies in (skeleton, settled)

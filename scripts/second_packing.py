@@ -50,6 +50,16 @@ with stage(snakemake) as progress, checkpoints(snakemake) as folder:
         progress.say(f"porosity {porosity:.4f}, wanted {deficit['overgrowth']['porosity']:.4f}")
         return porosity
 
+    def place_of(bodies):
+        porosity = volume.porosity_about(
+            bodies, library, scene["shape_zyx"], scene["voxel_size_um"], packing.reach_voxels(scene)
+        )
+        # contracting positions is gentler than pulling grains apart: the aim of all feedback
+        aim = deficit["overgrowth"]["porosity"] + settings["feedback"]["limit"] / 4
+        place = packing.nearest_place(porosity, aim, scene["voxel_size_um"])
+        progress.say(f"porosity {place.porosity:.4f} with the region moved by {place.moved_um} µm")
+        return place
+
     def between_of(bodies):
         held = deficit["between"]
         if held is None:
@@ -66,6 +76,7 @@ with stage(snakemake) as progress, checkpoints(snakemake) as folder:
             deficit,
             lambda p_sphere: pour_with(p_sphere, 1.0),
             lambda bodies: volume.void_width(bodies, library, scene["shape_zyx"], scene["voxel_size_um"]),
+            lambda scale: packing.mean_void_volume(spheres, library, scale),
             porosity_of,
             between_of,
         )
@@ -80,7 +91,9 @@ with stage(snakemake) as progress, checkpoints(snakemake) as folder:
         (io.read_table(files.first), first_report),
         between_of,
         voids=voids,
+        place_of=place_of,
         densification=settings["effects"]["densification"],
+        placement=settings["effects"]["placement"],
         **settings["feedback"],
     )
     io.write_table(snakemake.output.bodies, bodies)

@@ -2,17 +2,18 @@
 
 from _stage import stage
 
-from grainfall import grains, io, volume
+from grainfall import grains, io, packing, volume
 
 with stage(snakemake) as progress:
     scene = io.read_json(snakemake.input.scene)
     settings = snakemake.params.settings
+    packed = io.read_json(snakemake.input.packing)
     bodies, slabs, scaling, cement = volume.finish(
         io.read_table(snakemake.input.bodies),
         grains.Library.load(snakemake.input.library),
-        scene,
+        packing.as_placed(scene, packed["placement"]),
         io.read_json(snakemake.input.deficit)["overgrowth"],
-        io.read_json(snakemake.input.packing)["densification"],
+        packed["densification"],
         settings["effects"],
         settings["feedback"]["limit"],
         progress=progress,

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from grainfall import packing, stereology
 from grainfall.errors import InputError
+from grainfall.grains import VOID, Library
 from grainfall.morphology import Intergranular
 from grainfall.packing.densify import SLICK
 from grainfall.surface import SolidSurface
@@ -326,9 +327,10 @@ class Bed:
     def of(self, bodies):
         return self.calls[bodies["call"].iloc[0]]
 
-    def porosity(self, grains):
-        assert (grains["kind"] == "grain").all()
-        p, lubrication, taps = self.of(grains)
+    def porosity(self, bodies):
+        """Of grains alone; beside grains and spheres, who fill as much together as grains alone do."""
+        p, lubrication, taps = self.of(bodies)
+        p = p if (bodies["kind"] == "grain").all() else 0.0
         matrix = self.first - self.slick * (1 - lubrication**0.7) - self.tap * np.log2(1 + (taps or 0))
         matrix -= 0 if taps is None else self.sag
         return 1 - (1 - matrix) / (1 + self.c * p / (1 - p))
@@ -504,11 +506,16 @@ def test_vugs_that_leave_the_porosity_short_are_corrected_by_feedback():
 # ---- voids
 
 
+def cubed(scale):
+    """Mean volume of bodies that are all in the shapes of voids, half a grain's where they are not scaled."""
+    return 0.5e4 * scale**3
+
+
 @pytest.mark.parametrize("width", [0.9, 1.0, 1.12, None])
 def test_bodies_of_voids_are_scaled_by_the_width_found_and_hold_as_much_open(width):
     """In a bed whose solid is what its bodies' volume leaves, the next guess meets the target at once."""
     bed, plan = Bed(0.35, c=0.5), deficit(0.35)[1]
-    found = packing.size_voids(plan, lambda p: bed.pour(p, 1.0), lambda bodies: width, bed.porosity)
+    found = packing.size_voids(plan, lambda p: bed.pour(p, 1.0), lambda bodies: width, cubed, bed.porosity)
     assert bed.poured == [(plan["virtual_spheres"]["p_sp"], 1.0)]
     assert found["width"] == width
     assert found["scale"] == pytest.approx(1 / (width or 1.0))
@@ -518,20 +525,159 @@ def test_bodies_of_voids_are_scaled_by_the_width_found_and_hold_as_much_open(wid
     assert scaled.porosity(bodies[bodies["kind"] == "grain"]) == pytest.approx(0.4, abs=1e-9)
 
 
-@pytest.mark.parametrize("opened", [0.3, 0.35, 1.0])
-def test_bodies_of_voids_that_open_nothing_or_everything_leave_a_probability(opened):
+@pytest.mark.parametrize("filled", [0.0, 0.3, 0.399, 0.4, 1.0])
+def test_bodies_of_voids_leave_a_probability_whatever_they_fill(filled):
+    """The looser grains and bodies lie together, the fewer bodies; a bed too loose for any keeps their share."""
     bed, plan = Bed(0.35), deficit(0.35)[1]
-    found = packing.size_voids(plan, lambda p: bed.pour(p, 1.0), lambda bodies: 1.1, lambda grains: opened)
-    assert 0 < found["p_sp"] < 1
-    assert (found["p_sp"] > plan["virtual_spheres"]["p_sp"]) == (opened < 0.4)
+    p_sp = [
+        packing.size_voids(
+            plan, lambda p: bed.pour(p, 1.0), lambda bodies: 1.1, cubed, lambda bodies, to=to: to
+        )["p_sp"]
+        for to in (0.29, filled)
+    ]
+    assert 0 < p_sp[1] < 1
+    odds = [p / (1 - p) for p in (plan["virtual_spheres"]["p_sp"], p_sp[1])]
+    if 0 < filled < 0.4:
+        assert p_sp[1] < p_sp[0]
+    else:
+        assert odds[1] == pytest.approx(1.1**3 * odds[0])
+
+
+def test_how_many_bodies_the_region_happens_to_have_does_not_tell_how_many_to_pour():
+    class Lucky(Bed):
+        def porosity(self, bodies):
+            return super().porosity(bodies) + 0.02 * (bodies["kind"] == "grain").all()
+
+    p_sp = [
+        packing.size_voids(
+            deficit(0.35)[1], lambda p, bed=bed: bed.pour(p, 1.0), lambda bodies: 1.1, cubed, bed.porosity
+        )["p_sp"]
+        for bed in (Bed(0.35), Lucky(0.35))
+    ]
+    assert p_sp[0] == p_sp[1]
+
+
+def test_spheres_too_small_for_the_shape_of_a_void_keep_their_size_and_number():
+    """Half the volume in spheres that stay as they are: the rest alone has to be made up for in number."""
+    voids = Library(*[[np.zeros((1, 3))] * 2] * 2, pd.DataFrame({"phase": [VOID, 1], "r2d_um": [8.0, 2.0]}))
+    third = lambda r: 1 / r**3 / (1 / 6**3 + 1 / 10**3)  # noqa: E731
+    densities = np.array([third(6.0), 0.0, third(10.0)]) / 0.02
+    edges = np.array([5.99, 6.01, 9.99, 10.01])
+    spheres = packing.VirtualSizes(edges, densities, densities, densities, densities, True, "")
+    volume = packing.mean_void_volume(spheres, voids, 1.0)
+    assert volume == pytest.approx(spheres.mean_volume, rel=1e-2)
+    assert packing.mean_void_volume(spheres, voids, 0.8) == pytest.approx(volume * (1 + 0.8**3) / 2, rel=1e-2)
 
 
 def test_voids_of_the_tail_keep_their_share():
     plan = deficit(0.42, tail=VUGS)[1]
     bed, p = Bed(0.42), plan["virtual_spheres"]["p_sp"]
-    found = packing.size_voids(plan, lambda p: bed.pour(p, 1.0), lambda bodies: 1.1, bed.porosity)
+    found = packing.size_voids(plan, lambda p: bed.pour(p, 1.0), lambda bodies: 1.1, cubed, bed.porosity)
     odds = found["p_sp"] / (1 - found["p_sp"]) * found["scale"] ** 3
     assert odds == pytest.approx(p / (1 - p))
+
+
+# ---- where the region lies
+
+
+def lies(middle, there=None, moved=(0.0, 0.0, 0.0)):
+    return packing.Place(moved, middle if there is None else there, middle)
+
+
+def test_the_nearest_place_is_the_one_of_least_miss_and_then_of_the_least_way():
+    porosity = np.full((5, 5, 5), 0.5)
+    porosity[2, 2, 2] = 0.45
+    assert packing.nearest_place(porosity, 0.4, 2.0) == packing.Place((0.0, 0.0, 0.0), 0.45, 0.45)
+    porosity[4, 2, 1] = porosity[0, 0, 0] = porosity[2, 3, 2] = 0.41
+    assert packing.nearest_place(porosity, 0.4, 2.0) == packing.Place((0.0, 2.0, 0.0), 0.41, 0.45)
+    porosity[4, 2, 1] = 0.395
+    assert packing.nearest_place(porosity, 0.4, 2.0).moved_um == (-2.0, 0.0, 4.0)
+
+
+@given(st.integers(0, 3), st.floats(0, 1), st.integers(0, 2**32 - 1))
+def test_no_place_is_nearer_than_the_nearest(reach, aim, seed):
+    porosity = np.random.default_rng(seed).random((2 * reach + 1,) * 3).round(1)
+    found = packing.nearest_place(porosity, aim, 1.0)
+    assert abs(found.porosity - aim) == np.abs(porosity - aim).min()
+    x, y, z = (int(along) + reach for along in found.moved_um)
+    assert porosity[z, y, x] == found.porosity
+
+
+def test_a_region_keeps_two_grains_from_the_walls():
+    plan = {"mean_diameter_um": 10.0, "voxel_size_um": 2.0}
+    reach = [packing.reach_voxels({**plan, "margin_um": margin}) for margin in (5.0, 20.0, 25.0, 26.0, 60.0)]
+    assert reach == [0, 0, 2, 3, 20]
+
+
+def test_moved_bodies_are_counted_from_the_moved_corner_and_come_back():
+    bodies = pd.DataFrame({"id": [0, 1], "x": [1.0, 2.0], "y": [3.0, 4.0], "z": [5.0, 6.0], "scale": 1.0})
+    moved = packing.move(bodies, (1.0, 0.0, -2.0))
+    assert moved[["x", "y", "z"]].to_numpy().tolist() == [[0.0, 3.0, 7.0], [1.0, 4.0, 8.0]]
+    pd.testing.assert_frame_equal(packing.move(moved, (-1.0, 0.0, 2.0)), bodies)
+    scene = {"margin_um": 25.0, "edge_um": 100.0}
+    assert packing.as_placed(scene, {"moved_um": [1.0, 0.0, -2.0]}) == {"margin_um": 23.0, "edge_um": 100.0}
+
+
+class Uneven(Bed):
+    """A bed whose porosity differs from place to place by up to 0.015."""
+
+    def bodies(self, *made_with):
+        return super().bodies(*made_with).assign(x=5.0, y=5.0, z=5.0)
+
+    def place_of(self, grains):
+        middle = self.porosity(grains)
+        return lies(middle, middle + np.clip(0.4025 - middle, -0.015, 0.015), (0.0, 2.0, -4.0))
+
+    def second(self, plan, **over):
+        return super().second(plan, place_of=self.place_of, **over)
+
+
+def test_a_region_is_moved_where_it_misses_in_the_middle_and_not_there():
+    plain, uneven = Bed(0.35), Uneven(0.35)
+    plan = deficit(0.35)[1]
+    plan["virtual_spheres"]["p_sp"] = 0.1  # 0.384 porous
+    passes = [len(bed.second(plan)[1]["passes"]) for bed in (plain, uneven)]
+    assert passes[0] > passes[1] == 1
+    bodies, report = uneven.second(plan)
+    placed = report["placement"]
+    assert placed["on"]
+    assert placed["called_for"]
+    assert not placed["forced"]
+    assert placed["moved_um"] == report["passes"][-1]["moved_um"] == [0.0, 2.0, -4.0]
+    assert bodies[["x", "y", "z"]].iloc[0].tolist() == [5.0, 3.0, 9.0]
+    assert report["reached"]
+    assert report["porosity"] == pytest.approx(0.4, abs=0.0025)
+    assert "misses 0.4000 to within 0.01; moved by (0, 2, -4) µm" in placed["reason"]
+    # and at rest it is looked for once more: what is brought to rest is the bed, wherever the region lies
+    assert uneven.rests[-1][2] == 0
+
+
+def test_a_region_stays_where_nothing_near_it_helps_or_the_middle_meets():
+    far = Uneven(0.35, c=0.2)
+    bodies, report = far.second(deficit(0.35)[1], passes=1)
+    assert not report["reached"]
+    assert not report["placement"]["on"]
+    assert report["placement"]["moved_um"] == [0.0, 0.0, 0.0]
+    assert bodies["x"].iloc[0] == 5.0
+    met = Uneven(0.35, c=0.5)
+    plan = deficit(0.35)[1]
+    plan["virtual_spheres"]["p_sp"] = 0.14  # 0.397 porous
+    bodies, report = met.second(plan)
+    assert report["passes"][0]["moved_um"] == [0.0, 0.0, 0.0]
+    assert "meets 0.4000" in report["placement"]["reason"]
+    pd.testing.assert_frame_equal(bodies.drop(columns="call"), met.bodies(0.14, 1.0, 0).drop(columns="call"))
+
+
+def test_placement_forced_off_visibly_misses_and_forced_on_comes_nearer():
+    plan = deficit(0.35)[1]
+    _, off = Uneven(0.35, c=0.28).second(plan, placement="off", passes=1)
+    assert not off["reached"]
+    assert "switched off in the config, although in the middle" in off["placement"]["reason"]
+    plan["virtual_spheres"]["p_sp"] = 0.14
+    _, on = Uneven(0.35, c=0.5).second(plan, placement="on")
+    assert on["placement"]["on"]
+    assert on["placement"]["forced"]
+    assert on["porosity"] == pytest.approx(0.4025)
 
 
 # ---- between voids
@@ -737,7 +883,8 @@ def test_plan_gives_reason_and_cost_or_saving_of_every_effect():
     )
     assert all(effect["reason"] for effect in found.values())
     optional = (
-        "decomposition refinement weight_limit phase_mixing virtual_spheres densification position_scaling"
+        "decomposition refinement weight_limit phase_mixing virtual_spheres densification placement "
+        "position_scaling"
     )
     assert {*optional.split(), "compaction", "cement"} <= set(found)
     for effect in found.values():

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from skimage import measure
 
-from grainfall import io, volume
+from grainfall import io, packing, volume
 from grainfall.errors import InputError
 from grainfall.volume import coarsen, measures, read_pore_space
 
@@ -175,6 +175,19 @@ def test_translation_by_whole_voxels_commutes():
     np.testing.assert_array_equal(moved[:-5, :, 3:], body[5:, :, :-3])
     shifted = volume.voxelise(bodies, library, shape, h, origin_um=(-1.5, 0.0, 2.5))[1]
     np.testing.assert_array_equal(shifted, moved)
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.tuples(*[st.integers(4, 12)] * 3), st.integers(0, 3))
+def test_porosity_about_is_that_of_moved_regions(seed, shape, reach):
+    rng = np.random.default_rng(seed)
+    bodies, library = random_pack(rng, n=12, edge=12.0)
+    found = volume.porosity_about(bodies, library, shape, 1.0, reach)
+    assert found.shape == (2 * reach + 1,) * 3
+    for at in [(reach,) * 3, (0, 2 * reach, reach), tuple(rng.integers(0, 2 * reach + 1, 3))]:
+        moved = tuple(float(n - reach) for n in at[::-1])
+        expected = volume.packed_porosity(packing.move(bodies, moved), library, shape, 1.0)
+        assert found[at] == pytest.approx(expected, abs=1e-12)
 
 
 def test_precedence():

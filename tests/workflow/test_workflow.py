@@ -126,6 +126,7 @@ def test_plan_says_why(finished):
         "densification",
         "cement",
         "compaction",
+        "placement",
         "position_scaling",
         "phase_mixing",
         "refinement",

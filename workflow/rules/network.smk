@@ -479,6 +479,7 @@ rule resettling:
         library=ancient(f"{SAMPLE}/grains3d"),
         library_record=f"{SAMPLE}/logs/grain_library.json",
         packed=f"{TWIN}/second/bodies.csv",
+        packing=f"{TWIN}/second/packing.json",
     output:
         change=f"{TWIN}/resettling.json",
     log:

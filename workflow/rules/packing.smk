@@ -125,7 +125,11 @@ rule second_packing:
     params:
         stream=stream,
         settings=settings(
-            "packing", "effects.decomposition", "effects.densification", "feedback"
+            "packing",
+            "effects.decomposition",
+            "effects.densification",
+            "effects.placement",
+            "feedback",
         ),
         science=science("packing", "volume"),
     script:

@@ -7,6 +7,7 @@ from grainfall.packing.densify import match_density
 from grainfall.packing.mixing import Mixture, draw_population, draw_zones, phase_probabilities
 from grainfall.packing.overgrowth import Overgrowth
 from grainfall.packing.parameters import NAMED, Parameters
+from grainfall.packing.placement import Place, as_placed, move, nearest_place, reach_voxels
 from grainfall.packing.plan import decide, effects_plan
 from grainfall.packing.scene import plan_scene, poured_grains
 from grainfall.packing.tail import PoreTail, pore_tail
@@ -19,8 +20,10 @@ __all__ = [
     "Mixture",
     "Overgrowth",
     "Parameters",
+    "Place",
     "PoreTail",
     "VirtualSizes",
+    "as_placed",
     "box_of",
     "container",
     "decide",
@@ -31,7 +34,10 @@ __all__ = [
     "let_rest",
     "match_density",
     "match_porosity",
+    "mean_void_volume",
+    "move",
     "moved_share",
+    "nearest_place",
     "pack",
     "pack_again",
     "pack_first",
@@ -41,6 +47,7 @@ __all__ = [
     "plan_scene",
     "pore_tail",
     "poured_grains",
+    "reach_voxels",
     "settle",
     "size_voids",
     "sphere_probability",
@@ -57,6 +64,7 @@ def __getattr__(name: str):
     elif name in (
         "box_of",
         "let_rest",
+        "mean_void_volume",
         "pack",
         "pack_again",
         "pack_first",

@@ -101,6 +101,7 @@ def effects_plan(
             cost_s=_seconds(lubricated) if between is None else between["wall_s"],
             saved_s=once,
         ),
+        "placement": _entry(second["placement"], saved_s=None),
         "position_scaling": _entry(
             {**scaling, "on": scaling["applied"]}, cost_s=scaling["wall_s"], saved_s=voxelising
         ),

@@ -16,6 +16,7 @@ from grainfall.packing.deposition import Box, deposit, solid_fraction
 from grainfall.packing.mixing import Mixture, draw_zones
 from grainfall.packing.overgrowth import STANDARD_ERRORS, Overgrowth
 from grainfall.packing.parameters import Parameters
+from grainfall.packing.placement import Place, move
 from grainfall.packing.plan import decide
 from grainfall.packing.rest import settle
 from grainfall.packing.tail import PoreTail
@@ -24,7 +25,6 @@ from grainfall.packing.virtual import (
     THROAT,
     VirtualSizes,
     match_porosity,
-    next_odds,
     sphere_probability,
     virtual_sizes,
 )
@@ -126,7 +126,7 @@ def pack(
         scene["sizes_from"],
         spheres if p_sphere > 0 else None,
         p_sphere,
-        library.table.loc[library.table["phase"] == VOID, "r2d_um"].min() if void_shapes else np.inf,
+        _smallest_void(library) if void_shapes else np.inf,
         void_scale,
     )
     box = box_of(scene)
@@ -144,6 +144,26 @@ def pack(
         )
     report["forces"] = pd.DataFrame(bodies.attrs.pop("forces"))
     return bodies, report
+
+
+def _smallest_void(library: Library) -> float:
+    return float(library.table.loc[library.table["phase"] == VOID, "r2d_um"].min())
+
+
+def mean_void_volume(spheres: VirtualSizes, library: Library, void_scale: float) -> float:
+    """Mean volume (um^3) of the virtual bodies, of which those in the shapes of voids are so scaled.
+
+    Parameters
+    ----------
+    spheres : VirtualSizes
+    library : Library
+        With shapes of voids: spheres smaller than all of these stay spheres, and as large as they are.
+    void_scale : float
+        As :func:`pack` takes it.
+    """
+    return Mixture(
+        {}, {}, spheres=spheres, void_from_um=_smallest_void(library), void_scale=void_scale
+    ).mean_sphere_volume
 
 
 def let_rest(
@@ -383,6 +403,7 @@ def size_voids(
     deficit: Mapping,
     pour: Callable[[float], Packing],
     width_of: Callable[[pd.DataFrame], float | None],
+    volume_of: Callable[[float], float],
     porosity_of: Callable[[pd.DataFrame], float],
     between_of: Callable[[pd.DataFrame], float | None] = lambda bodies: None,
 ) -> dict:
@@ -391,7 +412,12 @@ def size_voids(
     Grains touch such a body here and there and leave gaps between, so the void that it leaves is wider than a
     sphere of its volume. The section's circles were unfolded as if voids were spheres: it is the circles on
     sections that have to agree. They are found on a packing of bodies with the volumes of the spheres; bodies
-    are then poured smaller by the width found, and as many as hold as much open.
+    are then poured smaller by the width found.
+
+    As many are poured as :func:`sphere_probability` says, with what grains and bodies together fill of that
+    packing in place of what grains alone do. Beds of one share of bodies differ in how many of them the
+    region has, a tenth of all with a hundred of them, and hardly in how much is filled, so the porosity of
+    the grains alone would tell less.
 
     Parameters
     ----------
@@ -401,35 +427,35 @@ def size_voids(
         Probability of a sphere to (bodies, report) as poured, with volumes kept.
     width_of : callable
         Bodies to the width of their voids over that of their spheres (:func:`grainfall.volume.void_width`).
+    volume_of : callable
+        Scale to the mean volume of a virtual body (:func:`mean_void_volume`).
     porosity_of : callable
-        Grains alone to their porosity.
+        Bodies to the porosity that is left beside them.
     between_of : callable, optional
         Bodies to their grains' porosity between voids.
 
     Returns
     -------
     dict
-        width (None where no void could be measured), scale (1 / width), p_sp (next guess of the probability),
-        porosity, between (porosity between voids, or None) and wall_s (of that packing).
+        width (None where no void could be measured), scale (1 / width), p_sp (next guess of the probability;
+        the share is kept where the large pores alone call for bodies), and of that packing filled (porosity
+        beside grains and bodies), between (porosity between voids, or None) and wall_s.
     """
-    spheres = deficit["virtual_spheres"]
+    spheres, wanted = deficit["virtual_spheres"], deficit["overgrowth"]["porosity"]
     bodies, report = pour(spheres["p_sp"])
     width = width_of(bodies)
     scale = 1.0 if width is None else 1.0 / width
-    porosity = float(porosity_of(bodies[bodies["kind"] == "grain"]))
-    odds = spheres["p_sp"] / (1 - spheres["p_sp"])
-    if not spheres["for_tail"]:
-        first, found, wanted = (
-            1 / (1 - min(phi, EMPTY))
-            for phi in (deficit["porosity_first"], porosity, deficit["overgrowth"]["porosity"])
-        )
-        odds = next_odds([(0.0, first), (odds, found)], wanted)
-    odds /= scale**3
+    filled = float(porosity_of(bodies))
+    if not spheres["for_tail"] and 0 < filled < wanted:
+        p_sp = sphere_probability(wanted, filled, volume_of(scale), deficit["mean_grain_volume_um3"])
+    else:
+        odds = spheres["p_sp"] / (1 - spheres["p_sp"]) * volume_of(1.0) / volume_of(scale)
+        p_sp = odds / (1 + odds)
     return {
         "width": width,
         "scale": scale,
-        "p_sp": odds / (1 + odds),
-        "porosity": porosity,
+        "p_sp": p_sp,
+        "filled": filled,
         "between": between_of(bodies),
         "wall_s": report["wall_s"],
     }
@@ -500,29 +526,39 @@ def _with_voids(p_sp: float, porosity: float, between: float, target: float, wan
     return odds / (1 + odds)
 
 
+MIDDLE = Place((0.0, 0.0, 0.0), np.inf, np.inf)
+"""Of a region that lies where it was planned, in a bed that is not there yet."""
+
+
 class _Trials:
     """Packings tried on the way to the target; the best so far is kept, of the others what they came to.
 
     A pour that misses is not brought to rest: that takes as long again, and moves the porosity by a tenth of
-    what it may miss by.
+    what it may miss by. Nor does one miss that a region moved a little would not.
     """
 
-    def __init__(self, pour_with, rested, porosity_of, target: float, limit: float, fillable: bool):
+    def __init__(self, pour_with, rested, porosity_of, place_of, switch: str, target, limit, fillable: bool):
         self.pour_with, self.rested, self.porosity_of = pour_with, rested, porosity_of
+        self.place_of, self.switch = place_of, switch
         self.target, self.limit, self.fillable = target, limit, fillable
         self.poured: tuple[tuple[float, float], Packing] | None = None  # the last one, and what with
         self.counted = False  # whether its time is in a pass
         self.passes: list[dict] = []
         self.packing: Packing | None = None
-        self.porosity = np.inf
+        self.place = MIDDLE
         self.kept = (0.0, 1.0)  # what the best one was poured with
         self.at_rest = True
         self.words = ""
 
-    def keep(self, packing: Packing, porosity: float, at_rest: bool, made_with: tuple[float, float]) -> None:
+    @property
+    def porosity(self) -> float:
+        """Of the packing kept, where its region lies."""
+        return self.place.porosity
+
+    def keep(self, packing: Packing, place: Place, at_rest: bool, made_with: tuple[float, float]) -> None:
         """Keep the packing if it is nearer to the target."""
-        if self.packing is None or self._miss(porosity) < self._miss(self.porosity):
-            self.packing, self.porosity, self.at_rest, self.kept = packing, porosity, at_rest, made_with
+        if self.packing is None or self._miss(place.porosity) < self._miss(self.porosity):
+            self.packing, self.place, self.at_rest, self.kept = packing, place, at_rest, made_with
 
     def _miss(self, porosity: float) -> tuple[int, float]:
         # Cement fills a bed whose grains are too loose, nothing opens one that is too dense.
@@ -530,8 +566,18 @@ class _Trials:
         too_dense = self.fillable and gap < -self.limit
         return (0 if abs(gap) <= self.limit else 2 if too_dense else 1), abs(gap)
 
-    def _porosity(self, packing: Packing) -> float:
-        return float(self.porosity_of(packing[0][packing[0]["kind"] == "grain"]))
+    def _meets(self, porosity: float) -> bool:
+        return abs(porosity - self.target) <= self.limit
+
+    def _place(self, packing: Packing) -> Place:
+        """Where the region is to lie: in the middle, unless it misses there and a place near it does not."""
+        grains = packing[0][packing[0]["kind"] == "grain"]
+        middle = float(self.porosity_of(grains))
+        stays = Place(MIDDLE.moved_um, middle, middle)
+        if self.place_of is None or self.switch == "off" or (self.switch == "auto" and self._meets(middle)):
+            return stays
+        found = self.place_of(grains)
+        return found if self._meets(found.porosity) else stays
 
     def pour(self, p_sphere: float, lubrication: float = 1.0) -> Packing:
         """Pour, unless it is what was poured last."""
@@ -546,23 +592,24 @@ class _Trials:
         at_rest = taps > 0
         if at_rest:
             packing = self.rested(poured, lubrication, taps)
-        porosity = self._porosity(packing)
-        if not at_rest and abs(porosity - self.target) <= self.limit:
+        place = self._place(packing)
+        if not at_rest and self._meets(place.porosity):
             packing, at_rest = self.rested(poured, lubrication, 0), True
-            porosity = self._porosity(packing)
+            place = self._place(packing)
         self.passes.append(
             {
                 "p_sphere": float(p_sphere),
                 "lubrication": float(lubrication),
                 "taps": int(taps),
-                "porosity": porosity,
+                "porosity": place.porosity,
+                "moved_um": list(place.moved_um),
                 "at_rest": at_rest,
                 "wall_s": packing[1]["wall_s"] - (poured[1]["wall_s"] if self.counted else 0.0),
             }
         )
         self.counted = True
-        self.keep(packing, porosity, at_rest, (p_sphere, lubrication))
-        return porosity
+        self.keep(packing, place, at_rest, (p_sphere, lubrication))
+        return place.porosity
 
     def best(self) -> Packing:
         """The packing kept, at rest."""
@@ -570,9 +617,22 @@ class _Trials:
             self.words = f"; kept one of {self.porosity:.4f}, since cement fills a bed that is too loose"
         if not self.at_rest:
             self.packing, self.at_rest = self.rested(self.packing, self.kept[1], 0), True
-            self.porosity = self._porosity(self.packing)
+            self.place = self._place(self.packing)
             self.words += f", at rest {self.porosity:.4f}"
-        return self.packing
+        return move(self.packing[0], self.place.moved_um), self.packing[1]
+
+    def placement(self) -> dict:
+        """Whether the region was moved, and why."""
+        middle, moved = self.place.middle, any(self.place.moved_um)
+        misses = not self._meets(middle)
+        reason = (
+            f"in the middle of the bed the porosity, {middle:.4f}, "
+            f"{'misses' if misses else 'meets'} {self.target:.4f} to within {self.limit:g}"
+        )
+        if moved:
+            way = ", ".join(f"{along:.3g}" for along in self.place.moved_um)
+            reason += f"; moved by ({way}) µm along x, y and z the region has {self.porosity:.4f}"
+        return decide(self.switch, misses, reason, possible=moved) | {"moved_um": list(self.place.moved_um)}
 
 
 def pack_again(
@@ -584,7 +644,9 @@ def pack_again(
     between_of: Callable[[pd.DataFrame], float | None] = lambda grains: None,
     *,
     voids: Mapping | None = None,
+    place_of: Callable[[pd.DataFrame], Place] | None = None,
     densification: str = "auto",
+    placement: str = "auto",
     limit: float = 0.01,
     passes: int = 8,
 ) -> Packing:
@@ -593,6 +655,10 @@ def pack_again(
 
     Where the spheres hold voids open that the section has, grains are first lubricated until they lie as
     densely between them as the section's do (:func:`match_between`).
+
+    Of one share of spheres, beds differ in how many of them the region has, not in how much grains and
+    spheres fill of it. So where the porosity misses in the middle of the bed, the region is moved to where it
+    does not, if that is near enough.
 
     Parameters
     ----------
@@ -611,6 +677,10 @@ def pack_again(
         Grains to their porosity between voids; None where that cannot be told.
     voids : mapping, optional
         As :func:`size_voids` gives it, where bodies have the shapes of voids.
+    place_of : callable, optional
+        Grains to the place near the middle where a region is nearest the target (:func:`nearest_place`).
+    placement : {"auto", "on", "off"}
+        Whether the region is moved there: auto where it misses in the middle and not there.
     densification : {"auto", "on", "off"}
         auto where the target is below what the grains pour to, or grains between voids lie looser than the
         section's.
@@ -623,10 +693,11 @@ def pack_again(
     -------
     bodies : DataFrame
     report : dict
-        That of the packing kept, with ``passes`` (p_sphere, lubrication, taps, porosity, at_rest, wall_s of
-        each; one that misses as poured is not brought to rest), ``porosity``, ``reached``, ``reason`` (why
-        not), ``densification``: on, forced, called_for, reason, too_loose (whether the grains were, not what
-        their spheres opened), and ``between``: None, or what
+        That of the packing kept, with ``passes`` (p_sphere, lubrication, taps, porosity, moved_um, at_rest,
+        wall_s of each; one that misses as poured is not brought to rest), ``porosity``, ``reached``,
+        ``reason`` (why not), ``placement``: on, forced, called_for, reason, moved_um (the bodies are counted
+        from the corner of the region where it lies), ``densification``: on, forced, called_for, reason,
+        too_loose (whether the grains were, not what their spheres opened), and ``between``: None, or what
         :func:`match_between` gives, with ``came_to``: porosity between voids of the packing kept.
     """
     target, spheres = deficit["overgrowth"]["porosity"], deficit["virtual_spheres"]
@@ -634,7 +705,7 @@ def pack_again(
     aim += " before the rims" if deficit["overgrowth"]["on"] else ""
     # Spheres that were to open the bed and opened it too far are a missed feedback, not a bed too loose.
     fillable = spheres["for_tail"] or not spheres["on"]
-    trials = _Trials(pour_with, rested, porosity_of, target, limit, fillable)
+    trials = _Trials(pour_with, rested, porosity_of, place_of, placement, target, limit, fillable)
     missed, dense, between, lubrication = "", None, None, 1.0
     if spheres["on"]:
         p_sphere, loose = spheres["p_sp"], deficit["porosity_first"]
@@ -659,7 +730,7 @@ def pack_again(
             p_sphere, loose = trials.kept[0], trials.porosity
     else:
         p_sphere, loose = 0.0, deficit["porosity_first"]
-        trials.keep(first, loose, at_rest=True, made_with=(0.0, 1.0))
+        trials.keep(first, Place(MIDDLE.moved_um, loose, loose), at_rest=True, made_with=(0.0, 1.0))
     too_loose = loose - target if fillable else 0.0
     what = "with its virtual spheres" if spheres["on"] else "of grains alone"
     if too_loose > 0 or loose - target > limit:
@@ -687,6 +758,7 @@ def pack_again(
         "porosity": trials.porosity,
         "reached": reached,
         "reason": "" if reached else (missed or dense["reason"]) + trials.words,
+        "placement": trials.placement(),
         "densification": dense,
         "between": between,
     }
