@@ -15,7 +15,7 @@ import zarr
 from outputs import outputs
 
 from conftest import ROOT, TINY, planned, snakemake, write_config
-from grainfall import flow, io, provenance
+from grainfall import flow, io, packing, provenance
 from grainfall.export import FORMATS
 from grainfall.io import read_volume
 from grainfall.report import SUMMARY_COLUMNS
@@ -166,6 +166,23 @@ def test_virtual_spheres_take_the_shapes_of_voids(finished, tmp_path):
     for t in (shaped, plain):
         met = io.read_json(t / "correction.json")["after"]["porosity"]
         assert met == pytest.approx(TINY["scene"]["porosity"], abs=0.0005)
+
+
+def test_a_bed_settles_anew_where_it_lies_in_its_box_wherever_its_region_does(finished, tmp_path):
+    folder = shutil.copytree(finished, tmp_path / "moved")
+    bed, change = twin(folder) / "second", twin(folder) / "resettling.json"
+    before, moved = io.read_json(change), (8.0, -8.0, 4.0)
+    for path in (change, twin(folder) / "logs/second_packing.json"):  # its record would tell that it is changed
+        path.unlink()
+    io.write_table(bed / "bodies.csv", packing.move(io.read_table(bed / "bodies.csv"), moved))
+    report = io.read_json(bed / "packing.json")
+    io.write_json(bed / "packing.json", {**report, "placement": {**report["placement"], "moved_um": moved}})
+    done = snakemake(folder, "--rerun-triggers", "mtime", "--", change.relative_to(folder))
+    assert done.returncode == 0, done.stdout[-6000:]
+    after = io.read_json(change)
+    # the way of its grains is that of the same bed; the region, a tenth of its width away, is another
+    assert after["moved_mean"] == pytest.approx(before["moved_mean"], rel=0.05)
+    assert after["porosity_before"] != before["porosity_before"]
 
 
 def test_rock_too_dense_for_its_grains_is_cemented(finished, tmp_path):
