@@ -47,7 +47,10 @@ with stage(snakemake) as progress, checkpoints(snakemake) as folder:
 
     def porosity_of(bodies):
         porosity = volume.packed_porosity(bodies, library, scene["shape_zyx"], scene["voxel_size_um"])
-        progress.say(f"porosity {porosity:.4f}, wanted {deficit['overgrowth']['porosity']:.4f}")
+        if (bodies["kind"] == "grain").all():
+            progress.say(f"porosity {porosity:.4f}, wanted {deficit['overgrowth']['porosity']:.4f}")
+        else:
+            progress.say(f"porosity {porosity:.4f} beside grains and virtual bodies")
         return porosity
 
     def place_of(bodies):

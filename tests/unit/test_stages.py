@@ -527,7 +527,7 @@ def test_bodies_of_voids_are_scaled_by_the_width_found_and_hold_as_much_open(wid
 
 @pytest.mark.parametrize("filled", [0.0, 0.3, 0.399, 0.4, 1.0])
 def test_bodies_of_voids_leave_a_probability_whatever_they_fill(filled):
-    """The looser grains and bodies lie together, the fewer bodies; a bed too loose for any keeps their share."""
+    """The looser grains and bodies lie together, the fewer bodies; too loose for any, and they keep their share."""
     bed, plan = Bed(0.35), deficit(0.35)[1]
     p_sp = [
         packing.size_voids(
@@ -683,19 +683,29 @@ def test_placement_forced_off_visibly_misses_and_forced_on_comes_nearer():
 # ---- between voids
 
 
+SPHERES = deficit(0.35)[0].mean_volume / 1e4
+"""Mean volume of those spheres over that of a grain."""
+
+
 class Loosened(Bed):
-    """Virtual spheres loosen the grains about them, friction keeps them so: its logarithm tells how far."""
+    """Virtual spheres loosen the grains about them, friction keeps them so: its logarithm tells how far.
 
-    def matrix(self, lubrication):
-        return self.first + 0.03 + self.slick * np.log10(lubrication)
+    Grains and spheres fill as much together as grains alone do at that friction.
+    """
 
-    def porosity(self, grains):
-        p, lubrication, _ = self.of(grains)
-        solid = 1 - self.matrix(lubrication)
-        return 1 - solid / (1 + self.c * p / (1 - p) * solid)  # voids by grains as spheres by grains
+    def __init__(self, first, slick=0.08, c=SPHERES):
+        super().__init__(first, slick, c=c)
+
+    def loose(self, lubrication):
+        return self.slick * np.log10(lubrication)
+
+    def porosity(self, bodies):
+        p, lubrication, _ = self.of(bodies)
+        p = p if (bodies["kind"] == "grain").all() else 0.0
+        return 1 - (1 - self.first - self.loose(lubrication)) / (1 + self.c * p / (1 - p))
 
     def between(self, grains):
-        return self.matrix(self.of(grains)[1])
+        return self.first + 0.03 + self.loose(self.of(grains)[1])
 
     def second(self, plan, **over):
         given = {"between_of": self.between, "passes": 6} | over
@@ -710,12 +720,9 @@ def vuggy(between, error=0.003, **over):
 @pytest.mark.parametrize("voids", [True, False])
 @pytest.mark.parametrize("between", [0.35, 0.36])
 def test_grains_between_voids_are_lubricated_until_they_lie_as_the_sections(between, voids):
-    bed, plan = Loosened(0.35), vuggy(between)
-    bed.c, given = 0.3, {}
+    bed, plan, given = Loosened(0.35), vuggy(between), {}
     if voids:
-        odds = ((1 - 0.38) / 0.6 - 1) / (1 - 0.38) / bed.c
-        plan["virtual_spheres"]["p_sp"] = odds / (1 + odds)  # of the target at full friction
-        given = {"voids": {"between": 0.38}}
+        given = {"voids": {"between": 0.38, "filled": 0.35, "volume_um3": 1e4 * SPHERES}}
     bodies, report = bed.second(plan, **given)
     assert report["reached"]
     found, dense = report["between"], report["densification"]
@@ -728,7 +735,7 @@ def test_grains_between_voids_are_lubricated_until_they_lie_as_the_sections(betw
     assert bed.poured[0 if voids else 1][1] == SLICK
     assert found["wall_s"] == (2.0 if voids else 4.0)
     assert {lubrication for _, lubrication in bed.poured[1 if voids else 2 :]} == {found["lubrication"]}
-    # the next guess of the probability meets the target at once: void is to solid as spheres are to grains
+    # what is filled tells how many spheres the target takes at that friction: the next guess meets it at once
     assert len(report["passes"]) == 1
     assert bed.porosity(bodies[bodies["kind"] == "grain"]) == pytest.approx(0.4, abs=1e-9)
     assert bed.rests == [(found["p_sp"], found["lubrication"], 0)]
@@ -765,7 +772,7 @@ def test_friction_between_voids_stays_within_its_bounds(between, slick, c):
     for p, lubrication in bed.poured:
         assert 0 < p < 1
         assert SLICK <= lubrication <= 1
-    if report["between"] is not None and bed.matrix(SLICK) >= report["between"]["rough"]:
+    if report["between"] is not None and slick <= 0:
         assert report["between"]["lubrication"] == SLICK
 
 
@@ -773,8 +780,9 @@ def test_beds_without_a_grain_between_voids_leave_a_probability():
     """All pore between the voids, or all pore: no division by what is left of the solid."""
     for opened, between in ((1.0, 1.0), (0.5, 1.0), (1.0, 0.4)):
         plan = vuggy(0.35)
+        rough = {"filled": 0.35, "between": 0.38, "volume_um3": 1e4 * SPHERES}
         found = packing.stages.match_between(
-            plan, 0.4, 0.38, Loosened(0.35).pour, lambda grains, to=opened: to, lambda grains, to=between: to
+            plan, rough, Loosened(0.35).pour, lambda bodies, to=opened: to, lambda grains, to=between: to
         )
         assert 0 < found["p_sp"] < 1
         assert SLICK <= found["lubrication"] <= 1

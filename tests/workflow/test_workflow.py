@@ -172,7 +172,10 @@ def test_a_bed_settles_anew_where_it_lies_in_its_box_wherever_its_region_does(fi
     folder = shutil.copytree(finished, tmp_path / "moved")
     bed, change = twin(folder) / "second", twin(folder) / "resettling.json"
     before, moved = io.read_json(change), (8.0, -8.0, 4.0)
-    for path in (change, twin(folder) / "logs/second_packing.json"):  # its record would tell that it is changed
+    for path in (
+        change,
+        twin(folder) / "logs/second_packing.json",
+    ):  # its record would tell that it is changed
         path.unlink()
     io.write_table(bed / "bodies.csv", packing.move(io.read_table(bed / "bodies.csv"), moved))
     report = io.read_json(bed / "packing.json")
@@ -520,9 +523,9 @@ def test_cache_between_workflows(finished, tmp_path, monkeypatch):
         folder = write_config(tmp_path / user, config)
         done = snakemake(folder, "--cache", "--", *packings)
         assert done.returncode == 0, done.stdout[-4000:]
-    for packing in packings:
-        expected = (finished / packing).read_bytes()
-        assert all((tmp_path / user / packing).read_bytes() == expected for user in ("one", "two"))
+    for path in packings:
+        expected = (finished / path).read_bytes()
+        assert all((tmp_path / user / path).read_bytes() == expected for user in ("one", "two"))
     worked, spared = (
         tmp_path / user / "results/tiny/full/0/logs/first_packing.log" for user in ("one", "two")
     )

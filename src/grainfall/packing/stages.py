@@ -21,7 +21,6 @@ from grainfall.packing.plan import decide
 from grainfall.packing.rest import settle
 from grainfall.packing.tail import PoreTail
 from grainfall.packing.virtual import (
-    EMPTY,
     THROAT,
     VirtualSizes,
     match_porosity,
@@ -437,24 +436,25 @@ def size_voids(
     Returns
     -------
     dict
-        width (None where no void could be measured), scale (1 / width), p_sp (next guess of the probability;
-        the share is kept where the large pores alone call for bodies), and of that packing filled (porosity
-        beside grains and bodies), between (porosity between voids, or None) and wall_s.
+        width (None where no void could be measured), scale (1 / width), volume_um3 (mean volume of a body so
+        scaled), p_sp (next guess of the probability; the share is kept where the large pores alone call for
+        bodies), and of that packing filled (porosity beside grains and bodies), between (porosity between
+        voids, or None) and wall_s.
     """
-    spheres, wanted = deficit["virtual_spheres"], deficit["overgrowth"]["porosity"]
-    bodies, report = pour(spheres["p_sp"])
+    bodies, report = pour(deficit["virtual_spheres"]["p_sp"])
     width = width_of(bodies)
     scale = 1.0 if width is None else 1.0 / width
-    filled = float(porosity_of(bodies))
-    if not spheres["for_tail"] and 0 < filled < wanted:
-        p_sp = sphere_probability(wanted, filled, volume_of(scale), deficit["mean_grain_volume_um3"])
-    else:
-        odds = spheres["p_sp"] / (1 - spheres["p_sp"]) * volume_of(1.0) / volume_of(scale)
-        p_sp = odds / (1 + odds)
+    filled, volume = float(porosity_of(bodies)), volume_of(scale)
+    p_sp = deficit["virtual_spheres"]["p_sp"]
+    odds = p_sp / (1 - p_sp) * volume_of(1.0) / volume
+    as_many = odds / (1 + odds)
     return {
         "width": width,
         "scale": scale,
-        "p_sp": p_sp,
+        "volume_um3": volume,
+        "p_sp": as_many
+        if deficit["virtual_spheres"]["for_tail"]
+        else _share(deficit, filled, volume, as_many),
         "filled": filled,
         "between": between_of(bodies),
         "wall_s": report["wall_s"],
@@ -463,8 +463,7 @@ def size_voids(
 
 def match_between(
     deficit: Mapping,
-    porosity: float,
-    rough: float,
+    rough: Mapping,
     pour: Callable[[float, float], Packing],
     porosity_of: Callable[[pd.DataFrame], float],
     between_of: Callable[[pd.DataFrame], float | None],
@@ -477,18 +476,23 @@ def match_between(
         1 - phi = (1 - v) (1 - phi_between)
 
     for void share v. A bed is poured with as little friction as lubrication allows, and the factor on
-    friction is interpolated between the two: porosity goes about with the logarithm of friction.
+    friction is interpolated between the two: porosity goes about with the logarithm of friction, and so does
+    what grains and spheres fill together, which tells how many spheres the target then takes
+    (:func:`sphere_probability`).
 
     Parameters
     ----------
     deficit : mapping
         As :func:`plan_deficit` gives it.
-    porosity, rough : float
-        Of a bed of ``p_sp`` at full friction: its porosity, and that between voids.
+    rough : mapping
+        Of a bed of ``p_sp`` at full friction: filled (porosity beside grains and spheres), between (porosity
+        between voids), volume_um3 (mean volume of a sphere).
     pour : callable
         (probability of a sphere, factor on friction) to (bodies, report) as poured.
-    porosity_of, between_of : callable
-        Grains alone to their porosity, and to that between voids.
+    porosity_of : callable
+        Bodies to the porosity that is left beside them.
+    between_of : callable
+        Grains alone to their porosity between voids.
 
     Returns
     -------
@@ -496,34 +500,28 @@ def match_between(
         lubrication (factor on friction), p_sp (next guess of the probability), rough and slick (porosity
         between voids with full and with the least friction), wall_s.
     """
-    target, wanted = deficit["overgrowth"]["porosity"], deficit["between"]["wanted"]
-    p_sp = _with_voids(deficit["virtual_spheres"]["p_sp"], porosity, rough, target, wanted)
+    wanted, p_sp = deficit["between"]["wanted"], deficit["virtual_spheres"]["p_sp"]
     bodies, report = pour(p_sp, SLICK)
-    grains = bodies[bodies["kind"] == "grain"]
-    slick = between_of(grains)
-    lubrication = SLICK
-    if slick is not None:
-        if slick < wanted:
-            lubrication = SLICK ** ((rough - wanted) / (rough - slick))
-        p_sp = _with_voids(p_sp, float(porosity_of(grains)), slick, target, max(slick, wanted))
+    slick = between_of(bodies[bodies["kind"] == "grain"])
+    way = 1.0
+    if slick is not None and slick < wanted:
+        way = (rough["between"] - wanted) / (rough["between"] - slick)
+    filled = rough["filled"] + way * (float(porosity_of(bodies)) - rough["filled"])
     return {
-        "lubrication": float(lubrication),
-        "p_sp": p_sp,
-        "rough": float(rough),
+        "lubrication": float(SLICK**way),
+        "p_sp": _share(deficit, filled, rough["volume_um3"], p_sp),
+        "rough": float(rough["between"]),
         "slick": slick,
         "wall_s": report["wall_s"],
     }
 
 
-def _with_voids(p_sp: float, porosity: float, between: float, target: float, wanted: float) -> float:
-    """Probability of a sphere for another porosity, and another one between voids: as void is to solid."""
-    found, needed = (
-        max(0.0, 1 - (1 - phi) / (1 - min(matrix, EMPTY))) / (1 - min(phi, EMPTY))
-        for phi, matrix in ((porosity, between), (target, wanted))
-    )
-    odds = p_sp / (1 - p_sp)
-    odds *= needed / found if found > 0 and needed > 0 else 1.0
-    return odds / (1 + odds)
+def _share(deficit: Mapping, filled: float, volume_um3: float, otherwise: float) -> float:
+    """Probability of a body of this mean volume, where grains and bodies leave a porosity beside them."""
+    wanted = deficit["overgrowth"]["porosity"]
+    if not 0 < filled < wanted:
+        return otherwise
+    return sphere_probability(wanted, filled, volume_um3, deficit["mean_grain_volume_um3"])
 
 
 MIDDLE = Place((0.0, 0.0, 0.0), np.inf, np.inf)
@@ -772,27 +770,28 @@ def _denser_between(
     switch: str,
 ) -> tuple[dict, dict | None]:
     """Whether grains are to lie denser between voids, and with what friction they do."""
-    held, p_sp = deficit["between"], deficit["virtual_spheres"]["p_sp"]
-    porosity, wall_s = trials.target, 0.0
-    if voids is not None:
-        rough = voids["between"]
-    else:
-        bodies, report = trials.pour(p_sp)
-        grains = bodies[bodies["kind"] == "grain"]
-        porosity, rough, wall_s = float(trials.porosity_of(grains)), between_of(grains), report["wall_s"]
+    held, rough, wall_s = deficit["between"], voids, 0.0
     if rough is None:
+        bodies, report = trials.pour(deficit["virtual_spheres"]["p_sp"])
+        rough = {
+            "filled": float(trials.porosity_of(bodies)),
+            "between": between_of(bodies[bodies["kind"] == "grain"]),
+            "volume_um3": deficit["mean_sphere_volume_um3"],
+        }
+        wall_s = report["wall_s"]
+    if rough["between"] is None:
         return decide(switch, False, "nothing of the region lies between voids", possible=False), None
-    exceeds = rough - held["wanted"] > STANDARD_ERRORS * held["error"]
+    exceeds = rough["between"] - held["wanted"] > STANDARD_ERRORS * held["error"]
     before = f", {held['wanted']:.3f} before the rims," if deficit["overgrowth"]["on"] else ""
     dense = decide(
         switch,
         exceeds,
-        f"between voids the packing with its virtual spheres is {rough:.3f} porous, which "
+        f"between voids the packing with its virtual spheres is {rough['between']:.3f} porous, which "
         f"{'exceeds' if exceeds else 'does not exceed'} the section's {held['porosity']:.3f}{before} beyond "
         "sampling",
-        possible=rough > held["wanted"],
+        possible=rough["between"] > held["wanted"],
     )
     if not dense["on"]:
         return dense, None
-    found = match_between(deficit, porosity, rough, trials.pour, trials.porosity_of, between_of)
+    found = match_between(deficit, rough, trials.pour, trials.porosity_of, between_of)
     return dense, {**found, "wall_s": wall_s + found["wall_s"]}
