@@ -527,7 +527,7 @@ def test_bodies_of_voids_are_scaled_by_the_width_found_and_hold_as_much_open(wid
 
 @pytest.mark.parametrize("filled", [0.0, 0.3, 0.399, 0.4, 1.0])
 def test_bodies_of_voids_leave_a_probability_whatever_they_fill(filled):
-    """The looser grains and bodies lie together, the fewer bodies; too loose for any, and they keep their share."""
+    """The looser they lie together, the fewer bodies; too loose for any, and they keep their share."""
     bed, plan = Bed(0.35), deficit(0.35)[1]
     p_sp = [
         packing.size_voids(
