@@ -447,14 +447,14 @@ def size_voids(
     filled, volume = float(porosity_of(bodies)), volume_of(scale)
     p_sp = deficit["virtual_spheres"]["p_sp"]
     odds = p_sp / (1 - p_sp) * volume_of(1.0) / volume
-    as_many = odds / (1 + odds)
+    p_sp = odds / (1 + odds)
+    if not deficit["virtual_spheres"]["for_tail"]:
+        p_sp = _share(deficit, filled, volume, p_sp)
     return {
         "width": width,
         "scale": scale,
         "volume_um3": volume,
-        "p_sp": as_many
-        if deficit["virtual_spheres"]["for_tail"]
-        else _share(deficit, filled, volume, as_many),
+        "p_sp": p_sp,
         "filled": filled,
         "between": between_of(bodies),
         "wall_s": report["wall_s"],
