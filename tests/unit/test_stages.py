@@ -603,10 +603,10 @@ def test_no_place_is_nearer_than_the_nearest(reach, aim, seed):
     assert porosity[z, y, x] == found.porosity
 
 
-def test_a_region_keeps_two_grains_from_the_walls():
+def test_a_region_goes_no_farther_than_half_a_grain_and_not_near_the_walls():
     plan = {"mean_diameter_um": 10.0, "voxel_size_um": 2.0}
-    reach = [packing.reach_voxels({**plan, "margin_um": margin}) for margin in (5.0, 20.0, 25.0, 26.0, 60.0)]
-    assert reach == [0, 0, 2, 3, 20]
+    reach = [packing.reach_voxels({**plan, "margin_um": margin}) for margin in (5.0, 15.0, 18.0, 19.0, 60.0)]
+    assert reach == [0, 0, 1, 2, 2]
 
 
 def test_moved_bodies_are_counted_from_the_moved_corner_and_come_back():

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-FROM_WALLS = 2.0
-"""Least distance of a moved region from walls, floor and surface, mean grain diameters."""
+FARTHEST, FROM_WALLS = 0.5, 1.5
+"""How far a region is moved at most along each axis, and how far it then keeps from walls, floor and surface,
+mean grain diameters."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,8 @@ def reach_voxels(scene: Mapping) -> int:
     scene : mapping
         margin_um, mean_diameter_um, voxel_size_um.
     """
-    room = scene["margin_um"] - FROM_WALLS * scene["mean_diameter_um"]
+    diameter = scene["mean_diameter_um"]
+    room = min(FARTHEST * diameter, scene["margin_um"] - FROM_WALLS * diameter)
     return max(0, int(room / scene["voxel_size_um"] + 1e-9))
 
 
