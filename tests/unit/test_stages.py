@@ -741,6 +741,28 @@ def test_grains_between_voids_are_lubricated_until_they_lie_as_the_sections(betw
     assert bed.rests == [(found["p_sp"], found["lubrication"], 0)]
 
 
+@pytest.mark.parametrize("more", [-0.006, 0.0, 0.012])
+def test_friction_between_voids_is_corrected_where_the_bodies_loosen_more_than_the_first_ones(more):
+    """Bodies poured smaller are more, and loosen another matrix than those that they were sized by."""
+
+    class Finer(Loosened):
+        def between(self, grains):
+            return super().between(grains) + more
+
+    bed, plan = Finer(0.35), vuggy(0.355)
+    rough = {"between": 0.38, "filled": 0.35, "volume_um3": 1e4 * SPHERES}
+    _, report = bed.second(plan, voids=rough)
+    found = report["between"]
+    assert abs(found["came_to"] - 0.355) <= plan["between"]["error"]
+    assert (len(found["tries"]) == 1) == (more == 0)
+    assert len(found["tries"]) <= packing.stages.FRICTIONS
+    assert report["reached"]
+    # the last bed tried is the first pass: nothing is poured twice, and all time is told once
+    assert len(bed.poured) == 1 + len(found["tries"]) + len(report["passes"]) - 1
+    told = found["wall_s"] + sum(one["wall_s"] for one in report["passes"])
+    assert told == 2 * len(bed.poured) + len(bed.rests)
+
+
 def test_grains_that_lie_as_the_sections_are_left_as_they_are():
     """Within what the section's sampling explains nothing is poured twice, nor lubricated."""
     for between in (0.375, 0.38, 0.5):

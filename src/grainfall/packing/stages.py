@@ -21,6 +21,7 @@ from grainfall.packing.plan import decide
 from grainfall.packing.rest import settle
 from grainfall.packing.tail import PoreTail
 from grainfall.packing.virtual import (
+    EMPTY,
     THROAT,
     VirtualSizes,
     match_porosity,
@@ -461,6 +462,10 @@ def size_voids(
     }
 
 
+FRICTIONS = 3
+"""Beds tried at most between full friction and the least."""
+
+
 def match_between(
     deficit: Mapping,
     rough: Mapping,
@@ -475,10 +480,11 @@ def match_between(
 
         1 - phi = (1 - v) (1 - phi_between)
 
-    for void share v. A bed is poured with as little friction as lubrication allows, and the factor on
-    friction is interpolated between the two: porosity goes about with the logarithm of friction, and so does
-    what grains and spheres fill together, which tells how many spheres the target then takes
-    (:func:`sphere_probability`).
+    for void share v. A bed is poured with as little friction as lubrication allows and as many spheres more
+    as v has to grow, and the factor on friction is interpolated between the two: porosity goes about with the
+    logarithm of friction, and so does what grains and spheres fill together, which tells how many spheres the
+    target then takes (:func:`sphere_probability`). What is found there takes the place of one of the two,
+    until it is what the section's is known to; how far small bodies loosen a bed is not what large ones do.
 
     Parameters
     ----------
@@ -498,22 +504,37 @@ def match_between(
     -------
     dict
         lubrication (factor on friction), p_sp (next guess of the probability), rough and slick (porosity
-        between voids with full and with the least friction), wall_s.
+        between voids with full and with the least friction), tries (lubrication, p_sp and between of the beds
+        between those), wall_s (of all beds but the last try, which is the first pass of what follows).
     """
     wanted, p_sp = deficit["between"]["wanted"], deficit["virtual_spheres"]["p_sp"]
+    held, needed = (
+        1 - (1 - deficit["overgrowth"]["porosity"]) / (1 - min(matrix, EMPTY))
+        for matrix in (rough["between"], wanted)
+    )
+    odds = p_sp / (1 - p_sp) * (needed / held if held > 0 and needed > 0 else 1.0)
+    p_sp = odds / (1 + odds)
     bodies, report = pour(p_sp, SLICK)
-    slick = between_of(bodies[bodies["kind"] == "grain"])
-    way = 1.0
-    if slick is not None and slick < wanted:
-        way = (rough["between"] - wanted) / (rough["between"] - slick)
-    filled = rough["filled"] + way * (float(porosity_of(bodies)) - rough["filled"])
-    return {
-        "lubrication": float(SLICK**way),
-        "p_sp": _share(deficit, filled, rough["volume_um3"], p_sp),
-        "rough": float(rough["between"]),
-        "slick": slick,
-        "wall_s": report["wall_s"],
-    }
+    slick, filled = between_of(bodies[bodies["kind"] == "grain"]), float(porosity_of(bodies))
+    found = {"rough": float(rough["between"]), "slick": slick, "tries": []}
+    wall_s = report["wall_s"]
+    if slick is None or slick >= wanted:
+        p_sp = _share(deficit, filled, rough["volume_um3"], p_sp)
+        return found | {"lubrication": SLICK, "p_sp": p_sp, "wall_s": wall_s}
+    looser, denser = (0.0, rough["between"], rough["filled"]), (1.0, slick, filled)
+    for _ in range(FRICTIONS):
+        share = (looser[1] - wanted) / (looser[1] - denser[1])
+        way, filled = (a + share * (b - a) for a, b in zip(looser[::2], denser[::2], strict=True))
+        lubrication, p_sp = float(SLICK**way), _share(deficit, filled, rough["volume_um3"], p_sp)
+        wall_s += report["wall_s"] if found["tries"] else 0.0
+        bodies, report = pour(p_sp, lubrication)
+        between = between_of(bodies[bodies["kind"] == "grain"])
+        found["tries"].append({"lubrication": lubrication, "p_sp": p_sp, "between": between})
+        if between is None or abs(between - wanted) <= deficit["between"]["error"]:
+            break
+        there = way, between, float(porosity_of(bodies))
+        looser, denser = (there, denser) if between > wanted else (looser, there)
+    return found | {"lubrication": lubrication, "p_sp": p_sp, "wall_s": wall_s}
 
 
 def _share(deficit: Mapping, filled: float, volume_um3: float, otherwise: float) -> float:
