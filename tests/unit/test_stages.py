@@ -763,6 +763,22 @@ def test_friction_between_voids_is_corrected_where_the_bodies_loosen_more_than_t
     assert told == 2 * len(bed.poured) + len(bed.rests)
 
 
+def test_where_beds_scatter_the_best_friction_found_has_to_do():
+    class Scattered(Loosened):
+        def between(self, grains):
+            off = {0: -0.03, 1: 0.02, 2: -0.006}.get(len(self.poured) - 1, -0.02)
+            return 0.355 + off
+
+    bed, plan = Scattered(0.35), vuggy(0.355)
+    _, report = bed.second(plan, voids={"between": 0.38, "filled": 0.35, "volume_um3": 1e4 * SPHERES})
+    found = report["between"]
+    assert [one["between"] for one in found["tries"]] == pytest.approx([0.375, 0.349, 0.335])
+    assert found["lubrication"] == found["tries"][1]["lubrication"]
+    assert bed.poured[4] == bed.poured[2]
+    told = found["wall_s"] + sum(one["wall_s"] for one in report["passes"])
+    assert told == 2 * len(bed.poured) + len(bed.rests)
+
+
 def test_grains_that_lie_as_the_sections_are_left_as_they_are():
     """Within what the section's sampling explains nothing is poured twice, nor lubricated."""
     for between in (0.375, 0.38, 0.5):

@@ -484,7 +484,8 @@ def match_between(
     as v has to grow, and the factor on friction is interpolated between the two: porosity goes about with the
     logarithm of friction, and so does what grains and spheres fill together, which tells how many spheres the
     target then takes (:func:`sphere_probability`). What is found there takes the place of one of the two,
-    until it is what the section's is known to; how far small bodies loosen a bed is not what large ones do.
+    until it is what the section's is known to: bodies poured smaller are more, and loosen a bed further. Beds
+    scatter about as much as that, so the best of :data:`FRICTIONS` has to do.
 
     Parameters
     ----------
@@ -505,7 +506,8 @@ def match_between(
     dict
         lubrication (factor on friction), p_sp (next guess of the probability), rough and slick (porosity
         between voids with full and with the least friction), tries (lubrication, p_sp and between of the beds
-        between those), wall_s (of all beds but the last try, which is the first pass of what follows).
+        between those), wall_s (of all beds but the last try where that is the best: it is then the first pass
+        of what follows).
     """
     wanted, p_sp = deficit["between"]["wanted"], deficit["virtual_spheres"]["p_sp"]
     held, needed = (
@@ -534,7 +536,11 @@ def match_between(
             break
         there = way, between, float(porosity_of(bodies))
         looser, denser = (there, denser) if between > wanted else (looser, there)
-    return found | {"lubrication": lubrication, "p_sp": p_sp, "wall_s": wall_s}
+    best = min(
+        found["tries"], key=lambda one: np.inf if one["between"] is None else abs(one["between"] - wanted)
+    )
+    wall_s += 0.0 if best is found["tries"][-1] else report["wall_s"]
+    return found | {"lubrication": best["lubrication"], "p_sp": best["p_sp"], "wall_s": wall_s}
 
 
 def _share(deficit: Mapping, filled: float, volume_um3: float, otherwise: float) -> float:
