@@ -53,12 +53,10 @@ with stage(snakemake) as progress, checkpoints(snakemake) as folder:
             progress.say(f"porosity {porosity:.4f} beside grains and virtual bodies")
         return porosity
 
-    def place_of(bodies):
+    def place_of(bodies, aim):
         porosity = volume.porosity_about(
             bodies, library, scene["shape_zyx"], scene["voxel_size_um"], packing.reach_voxels(scene)
         )
-        # contracting positions is gentler than pulling grains apart: the aim of all feedback
-        aim = deficit["overgrowth"]["porosity"] + settings["feedback"]["limit"] / 4
         place = packing.nearest_place(porosity, aim, scene["voxel_size_um"])
         progress.say(f"porosity {place.porosity:.4f} with the region moved by {place.moved_um} µm")
         return place

@@ -560,8 +560,8 @@ def test_how_many_bodies_the_region_happens_to_have_does_not_tell_how_many_to_po
 def test_spheres_too_small_for_the_shape_of_a_void_keep_their_size_and_number():
     """Half the volume in spheres that stay as they are: the rest alone has to be made up for in number."""
     voids = Library(*[[np.zeros((1, 3))] * 2] * 2, pd.DataFrame({"phase": [VOID, 1], "r2d_um": [8.0, 2.0]}))
-    third = lambda r: 1 / r**3 / (1 / 6**3 + 1 / 10**3)  # noqa: E731
-    densities = np.array([third(6.0), 0.0, third(10.0)]) / 0.02
+    numbers = np.array([10.0**3, 0.0, 6.0**3]) / (10.0**3 + 6.0**3)
+    densities = numbers / 0.02
     edges = np.array([5.99, 6.01, 9.99, 10.01])
     spheres = packing.VirtualSizes(edges, densities, densities, densities, densities, True, "")
     volume = packing.mean_void_volume(spheres, voids, 1.0)
@@ -578,10 +578,6 @@ def test_voids_of_the_tail_keep_their_share():
 
 
 # ---- where the region lies
-
-
-def lies(middle, there=None, moved=(0.0, 0.0, 0.0)):
-    return packing.Place(moved, middle if there is None else there, middle)
 
 
 def test_the_nearest_place_is_the_one_of_least_miss_and_then_of_the_least_way():
@@ -624,9 +620,9 @@ class Uneven(Bed):
     def bodies(self, *made_with):
         return super().bodies(*made_with).assign(x=5.0, y=5.0, z=5.0)
 
-    def place_of(self, grains):
+    def place_of(self, grains, aim):
         middle = self.porosity(grains)
-        return lies(middle, middle + np.clip(0.4025 - middle, -0.015, 0.015), (0.0, 2.0, -4.0))
+        return packing.Place((0.0, 2.0, -4.0), middle + np.clip(aim - middle, -0.015, 0.015), middle)
 
     def second(self, plan, **over):
         return super().second(plan, place_of=self.place_of, **over)

@@ -29,6 +29,11 @@ class Place:
     porosity: float
     middle: float
 
+    @classmethod
+    def unmoved(cls, porosity: float) -> Place:
+        """In the middle."""
+        return cls((0.0, 0.0, 0.0), porosity, porosity)
+
 
 def reach_voxels(scene: Mapping) -> int:
     """How far a region may be moved along each axis, in voxels.

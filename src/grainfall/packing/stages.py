@@ -446,9 +446,7 @@ def size_voids(
     width = width_of(bodies)
     scale = 1.0 if width is None else 1.0 / width
     filled, volume = float(porosity_of(bodies)), volume_of(scale)
-    p_sp = deficit["virtual_spheres"]["p_sp"]
-    odds = p_sp / (1 - p_sp) * volume_of(1.0) / volume
-    p_sp = odds / (1 + odds)
+    p_sp = _odds_times(deficit["virtual_spheres"]["p_sp"], volume_of(1.0) / volume)
     if not deficit["virtual_spheres"]["for_tail"]:
         p_sp = _share(deficit, filled, volume, p_sp)
     return {
@@ -514,8 +512,7 @@ def match_between(
         1 - (1 - deficit["overgrowth"]["porosity"]) / (1 - min(matrix, EMPTY))
         for matrix in (rough["between"], wanted)
     )
-    odds = p_sp / (1 - p_sp) * (needed / held if held > 0 and needed > 0 else 1.0)
-    p_sp = odds / (1 + odds)
+    p_sp = _odds_times(p_sp, needed / held if held > 0 and needed > 0 else 1.0)
     bodies, report = pour(p_sp, SLICK)
     slick, filled = between_of(bodies[bodies["kind"] == "grain"]), float(porosity_of(bodies))
     found = {"rough": float(rough["between"]), "slick": slick, "tries": []}
@@ -551,8 +548,10 @@ def _share(deficit: Mapping, filled: float, volume_um3: float, otherwise: float)
     return sphere_probability(wanted, filled, volume_um3, deficit["mean_grain_volume_um3"])
 
 
-MIDDLE = Place((0.0, 0.0, 0.0), np.inf, np.inf)
-"""Of a region that lies where it was planned, in a bed that is not there yet."""
+def _odds_times(p: float, factor: float) -> float:
+    """The probability whose odds are so many times those of another."""
+    odds = p / (1 - p) * factor
+    return odds / (1 + odds)
 
 
 class _Trials:
@@ -570,7 +569,7 @@ class _Trials:
         self.counted = False  # whether its time is in a pass
         self.passes: list[dict] = []
         self.packing: Packing | None = None
-        self.place = MIDDLE
+        self.place = Place.unmoved(np.inf)
         self.kept = (0.0, 1.0)  # what the best one was poured with
         self.at_rest = True
         self.words = ""
@@ -598,10 +597,11 @@ class _Trials:
         """Where the region is to lie: in the middle, unless it misses there and a place near it does not."""
         grains = packing[0][packing[0]["kind"] == "grain"]
         middle = float(self.porosity_of(grains))
-        stays = Place(MIDDLE.moved_um, middle, middle)
+        stays = Place.unmoved(middle)
         if self.place_of is None or self.switch == "off" or (self.switch == "auto" and self._meets(middle)):
             return stays
-        found = self.place_of(grains)
+        # contracting positions is gentler than pulling grains apart: the aim of all feedback
+        found = self.place_of(grains, self.target + self.limit / 4)
         return found if self._meets(found.porosity) else stays
 
     def pour(self, p_sphere: float, lubrication: float = 1.0) -> Packing:
@@ -669,7 +669,7 @@ def pack_again(
     between_of: Callable[[pd.DataFrame], float | None] = lambda grains: None,
     *,
     voids: Mapping | None = None,
-    place_of: Callable[[pd.DataFrame], Place] | None = None,
+    place_of: Callable[[pd.DataFrame, float], Place] | None = None,
     densification: str = "auto",
     placement: str = "auto",
     limit: float = 0.01,
@@ -703,7 +703,8 @@ def pack_again(
     voids : mapping, optional
         As :func:`size_voids` gives it, where bodies have the shapes of voids.
     place_of : callable, optional
-        Grains to the place near the middle where a region is nearest the target (:func:`nearest_place`).
+        (grains alone, porosity) to the place near the middle where a region is nearest that
+        (:func:`nearest_place`).
     placement : {"auto", "on", "off"}
         Whether the region is moved there: auto where it misses in the middle and not there.
     densification : {"auto", "on", "off"}
@@ -718,12 +719,13 @@ def pack_again(
     -------
     bodies : DataFrame
     report : dict
-        That of the packing kept, with ``passes`` (p_sphere, lubrication, taps, porosity, moved_um, at_rest,
-        wall_s of each; one that misses as poured is not brought to rest), ``porosity``, ``reached``,
-        ``reason`` (why not), ``placement``: on, forced, called_for, reason, moved_um (the bodies are counted
-        from the corner of the region where it lies), ``densification``: on, forced, called_for, reason,
-        too_loose (whether the grains were, not what their spheres opened), and ``between``: None, or what
-        :func:`match_between` gives, with ``came_to``: porosity between voids of the packing kept.
+        That of the packing kept (solid_fraction and surface_um of the middle), with ``passes`` (p_sphere,
+        lubrication, taps, porosity, moved_um, at_rest, wall_s of each; one that misses as poured is not
+        brought to rest), ``porosity``, ``reached``, ``reason`` (why not), ``placement``: on, forced,
+        called_for, reason, moved_um (the bodies are counted from the corner of the region where it lies),
+        ``densification``: on, forced, called_for, reason, too_loose (whether the grains were, not what their
+        spheres opened), and ``between``: None, or what :func:`match_between` gives, with ``came_to``:
+        porosity between voids of the packing kept.
     """
     target, spheres = deficit["overgrowth"]["porosity"], deficit["virtual_spheres"]
     aim = f"{'porosity' if deficit['overgrowth']['on'] else 'target porosity'} {target:.4f}"
@@ -742,7 +744,7 @@ def pack_again(
             loose = trials(p_sphere)
         left = passes - len(trials.passes)
         if left and (loose < target - limit or not spheres["for_tail"]):
-            guess = 2 * p_sphere / (1 + p_sphere) if trials.passes else p_sphere  # twice the odds
+            guess = _odds_times(p_sphere, 2) if trials.passes else p_sphere
             missed = match_porosity(
                 lambda p: trials(p, lubrication),
                 float,
@@ -755,7 +757,7 @@ def pack_again(
             p_sphere, loose = trials.kept[0], trials.porosity
     else:
         p_sphere, loose = 0.0, deficit["porosity_first"]
-        trials.keep(first, Place(MIDDLE.moved_um, loose, loose), at_rest=True, made_with=(0.0, 1.0))
+        trials.keep(first, Place.unmoved(loose), at_rest=True, made_with=(0.0, 1.0))
     too_loose = loose - target if fillable else 0.0
     what = "with its virtual spheres" if spheres["on"] else "of grains alone"
     if too_loose > 0 or loose - target > limit:
