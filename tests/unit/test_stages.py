@@ -751,7 +751,7 @@ def test_friction_between_voids_is_corrected_where_the_bodies_loosen_more_than_t
     found = report["between"]
     assert abs(found["came_to"] - 0.355) <= plan["between"]["error"]
     assert (len(found["tries"]) == 1) == (more == 0)
-    assert len(found["tries"]) <= packing.stages.FRICTIONS
+    assert len(found["tries"]) <= packing.voids.FRICTIONS
     assert report["reached"]
     # the last bed tried is the first pass: nothing is poured twice, and all time is told once
     assert len(bed.poured) == 1 + len(found["tries"]) + len(report["passes"]) - 1
@@ -815,7 +815,7 @@ def test_beds_without_a_grain_between_voids_leave_a_probability():
     for opened, between in ((1.0, 1.0), (0.5, 1.0), (1.0, 0.4)):
         plan = vuggy(0.35)
         rough = {"filled": 0.35, "between": 0.38, "volume_um3": 1e4 * SPHERES}
-        found = packing.stages.match_between(
+        found = packing.match_between(
             plan, rough, Loosened(0.35).pour, lambda bodies, to=opened: to, lambda grains, to=between: to
         )
         assert 0 < found["p_sp"] < 1

@@ -32,6 +32,7 @@ __all__ = [
     "draw_zones",
     "effects_plan",
     "let_rest",
+    "match_between",
     "match_density",
     "match_porosity",
     "mean_void_volume",
@@ -57,22 +58,23 @@ __all__ = [
 
 def __getattr__(name: str):
     # written out, not by lazy_loader: the graph of imports, by which edits rerun jobs, must see these
-    if name in ("Box", "container", "deposit"):
+    if name == "plan_deficit":
+        import grainfall.packing.deficit as late
+    elif name in ("Box", "container", "deposit"):
         import grainfall.packing.deposition as late
     elif name in ("RESETTLED", "moved_share", "settle"):
         import grainfall.packing.rest as late
     elif name in (
         "box_of",
         "let_rest",
-        "mean_void_volume",
         "pack",
         "pack_again",
         "pack_first",
         "parameters_of",
-        "plan_deficit",
-        "size_voids",
     ):
         import grainfall.packing.stages as late
+    elif name in ("match_between", "mean_void_volume", "size_voids"):
+        import grainfall.packing.voids as late
     else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(late, name)

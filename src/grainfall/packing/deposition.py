@@ -21,6 +21,9 @@ from grainfall.packing.rest import relax
 from grainfall.packing.scene import POURED
 from grainfall.packing.shapes import SPHERE, collision_shapes
 
+Packing = tuple[pd.DataFrame, dict]
+"""Bodies and report."""
+
 
 @dataclass(frozen=True)
 class Box:
