@@ -1,4 +1,4 @@
-"""A synthetic rock: its section and true grain sizes, or one of the cubes that judge its twins."""
+"""A synthetic rock: its section and true grain sizes, or the cubes that judge its twins."""
 
 from _stage import stage
 
@@ -25,8 +25,8 @@ with stage(snakemake) as progress:
         io.write_table(snakemake.output.sizes, truth.sizes())
         progress.say(f"{len(truth.sizes())} grains, porosity {(truth.phase == 0).mean():.4f}")
     else:
-        number = snakemake.params.cube
+        first, paths = snakemake.params.first, snakemake.output.references
         about = {"phases": list(truth.phases), "seed": snakemake.params.stream["seed"]}
-        cube = truth.cubes(edge, number + 1)[number]
-        io.write_volume(snakemake.output.reference, {"phase": cube}, truth.voxel_size_um, about)
-        progress.say(f"porosity {(cube == 0).mean():.4f}")
+        for path, cube in zip(paths, truth.cubes(edge, first + len(paths))[first:], strict=True):
+            io.write_volume(path, {"phase": cube}, truth.voxel_size_um, about)
+            progress.say(f"porosity {(cube == 0).mean():.4f}")

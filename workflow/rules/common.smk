@@ -156,7 +156,7 @@ CACHEABLE = "omit-software" if CACHING else False
 CACHED_JOBS = [
     "synthesise",
     "truth_cube",
-    "further_cube",
+    "further_cubes",
     "grain_library",
     "first_packing",
     "second_packing",
@@ -254,7 +254,7 @@ def need(rulename, wildcards):
     A slab's job, of a rule X_slab, needs what that of rule X would for a volume of its size.
     """
     rulename, slab, _ = rulename.removesuffix("_on_voxels").partition("_slab")
-    if rulename in ("truth_cube", "further_cube"):
+    if rulename in ("truth_cube", "further_cubes"):
         rulename = "synthesise"
     if rulename == "synthesise":
         size = needs.of_shape(SYNTHESES[wildcards.sample]["shape"])

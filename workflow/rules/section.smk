@@ -33,7 +33,7 @@ rule synthesise:
 # What judges a truth is cut from it made once more: other judges, or more, make neither the section nor a twin anew.
 use rule synthesise as truth_cube with:
     output:
-        reference=f"{SAMPLE}/reference.zarr.zip",
+        references=[f"{SAMPLE}/reference.zarr.zip"],
         record=f"{SAMPLE}/logs/truth_cube.json",
     log:
         f"{SAMPLE}/logs/truth_cube.log",
@@ -41,22 +41,23 @@ use rule synthesise as truth_cube with:
         f"{SAMPLE}/benchmarks/truth_cube.tsv"
     params:
         rock=synthesis_but("outlined"),
-        cube=0,
+        first=0,
 
 
-use rule truth_cube as further_cube with:
-    output:
-        reference=f"{SAMPLE}/{{cube}}/reference.zarr.zip",
-        record=f"{SAMPLE}/logs/{{cube}}.json",
-    log:
-        f"{SAMPLE}/logs/{{cube}}.log",
-    benchmark:
-        f"{SAMPLE}/benchmarks/{{cube}}.tsv"
-    wildcard_constraints:
-        sample=any_of(SYNTHESES),  # not the folder of a cube, which is measured as a sample's reference is
-        cube=any_of(CUBES),
-    params:
-        cube=lambda wildcards: CUBES.index(wildcards.cube) + 1,
+if CUBES:
+
+    use rule truth_cube as further_cubes with:
+        output:
+            references=expand(
+                f"{SAMPLE}/{{cube}}/reference.zarr.zip", cube=CUBES, allow_missing=True
+            ),
+            record=f"{SAMPLE}/logs/further_cubes.json",
+        log:
+            f"{SAMPLE}/logs/further_cubes.log",
+        benchmark:
+            f"{SAMPLE}/benchmarks/further_cubes.tsv"
+        params:
+            first=1,
 
 
 rule read_section:
