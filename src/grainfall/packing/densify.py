@@ -26,10 +26,11 @@ def match_density(
 
     Friction holds a bed open, so its coefficients are multiplied by a factor in [:data:`SLICK`, 1],
     ``lubrication``. The first pass has as little friction as that: it tells whether lubrication suffices.
-    If so, the factor is bracketed by that pass and the loose packing and found by regula falsi; if not, the
-    slick bed is tapped, twice as often in each pass, as long as what the last one gained with a doubling of
-    its taps would do if each of those left gained as much. The aim is a quarter of the tolerance above the
-    target, because contracting positions is a gentler correction than pulling grains apart.
+    If so, the factor is bracketed by that pass and the loose packing and found by regula falsi in its
+    logarithm, with which porosity goes about linearly; if not, the slick bed is tapped, twice as often in
+    each pass, as long as what the last one gained with a doubling of its taps would do if each of those left
+    gained as much. The aim is a quarter of the tolerance above the target, because contracting positions is
+    a gentler correction than pulling grains apart.
 
     Parameters
     ----------
@@ -59,7 +60,7 @@ def match_density(
         while left and abs(nearest - target) > tolerance:
             # kept off the ends, so that the bracket shrinks on both sides
             share = min(max((aim - slick[1]) / (rough[1] - slick[1]), 0.1), 0.9)
-            factor = slick[0] + share * (rough[0] - slick[0])
+            factor = slick[0] * (rough[0] / slick[0]) ** share
             found = porosity_with(factor, 0)
             left -= 1
             nearest = min(nearest, found, key=lambda porosity: abs(porosity - target))
