@@ -25,7 +25,8 @@ with stage(snakemake) as progress:
         io.write_table(snakemake.output.sizes, truth.sizes())
         progress.say(f"{len(truth.sizes())} grains, porosity {(truth.phase == 0).mean():.4f}")
     else:
-        first, paths = snakemake.params.first, snakemake.output.references
+        first = snakemake.params.first
+        paths = [path for path in snakemake.output if path != snakemake.output.record]
         about = {"phases": list(truth.phases), "seed": snakemake.params.stream["seed"]}
         for path, cube in zip(paths, truth.cubes(edge, first + len(paths))[first:], strict=True):
             io.write_volume(path, {"phase": cube}, truth.voxel_size_um, about)

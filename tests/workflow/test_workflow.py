@@ -516,10 +516,14 @@ def test_cache_between_workflows(finished, tmp_path, monkeypatch):
     monkeypatch.setenv("SNAKEMAKE_OUTPUT_CACHE", str(tmp_path / "cache"))
     (tmp_path / "cache").mkdir()
     packings = [f"results/tiny/full/{realization}/first/bodies.csv" for realization in (0, 1)]
-    for user, config in (("one", TINY), ("two", changed(effects={"virtual_spheres": "off"}))):
-        folder = write_config(tmp_path / user, config)
-        done = snakemake(folder, "--cache", "--", *packings)
+    cubes = {"one": 2, "two": 3}
+    for user, over in (("one", {}), ("two", {"effects": {"virtual_spheres": "off"}})):
+        folder = write_config(tmp_path / user, changed(reference_cubes=cubes[user], **over))
+        last = f"results/tiny/cube_{cubes[user] - 1}/reference.zarr.zip"
+        done = snakemake(folder, "--cache", "--", *packings, last)
         assert done.returncode == 0, done.stdout[-4000:]
+    one, two = ((tmp_path / user / "results/tiny/cube_1/reference.zarr.zip").read_bytes() for user in cubes)
+    assert one == two
     for path in packings:
         expected = (finished / path).read_bytes()
         assert all((tmp_path / user / path).read_bytes() == expected for user in ("one", "two"))

@@ -33,7 +33,7 @@ rule synthesise:
 # What judges a truth is cut from it made once more: other judges, or more, make neither the section nor a twin anew.
 use rule synthesise as truth_cube with:
     output:
-        references=[f"{SAMPLE}/reference.zarr.zip"],
+        reference=f"{SAMPLE}/reference.zarr.zip",
         record=f"{SAMPLE}/logs/truth_cube.json",
     log:
         f"{SAMPLE}/logs/truth_cube.log",
@@ -44,20 +44,17 @@ use rule synthesise as truth_cube with:
         first=0,
 
 
-if CUBES:
-
-    use rule truth_cube as further_cubes with:
-        output:
-            references=expand(
-                f"{SAMPLE}/{{cube}}/reference.zarr.zip", cube=CUBES, allow_missing=True
-            ),
-            record=f"{SAMPLE}/logs/further_cubes.json",
-        log:
-            f"{SAMPLE}/logs/further_cubes.log",
-        benchmark:
-            f"{SAMPLE}/benchmarks/further_cubes.tsv"
-        params:
-            first=1,
+# Each by its name, as the cache between workflows wants them.
+use rule truth_cube as further_cubes with:
+    output:
+        **{cube: f"{SAMPLE}/{cube}/reference.zarr.zip" for cube in CUBES},
+        record=f"{SAMPLE}/logs/further_cubes.json",
+    log:
+        f"{SAMPLE}/logs/further_cubes.log",
+    benchmark:
+        f"{SAMPLE}/benchmarks/further_cubes.tsv"
+    params:
+        first=1,
 
 
 rule read_section:
