@@ -1,5 +1,6 @@
 """Optional effects in real packings of a small bed: what they change, and what they cost."""
 
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -20,6 +21,9 @@ SCENE = {
     "voxel_size_um": 1.0,
     "resolution_um": 1.0,
 }
+WIDE = {**SCENE, "edge_um": 90.0, "shape_zyx": [90, 90, 90]}
+"""Beds of SCENE scatter by 0.015 in porosity, more than feedback has to meet."""
+
 SIZES = {(1, "grain"): SimpleNamespace(quantile=lambda q, which="f3d": 8.0 + 4.0 * np.asarray(q))}
 
 
@@ -35,8 +39,8 @@ def library():
 
 @pytest.fixture(scope="module")
 def pack(library):
-    def pack_with(parameters, seed=0, rest=True):
-        return packing.pack(SCENE, SIZES, library, parameters, np.random.default_rng(seed), rest=rest)
+    def pack_with(parameters, seed=0, rest=True, scene=SCENE):
+        return packing.pack(scene, SIZES, library, parameters, np.random.default_rng(seed), rest=rest)
 
     return pack_with
 
@@ -48,16 +52,16 @@ def test_a_bed_that_does_not_cover_the_region_is_no_packing(pack):
 
 @pytest.fixture(scope="module")
 def rested(library):
-    def let_rest(poured, lubrication, taps):
-        return packing.let_rest(poured, SCENE, library, packing.Parameters().lubricated(lubrication), taps)
+    def let_rest(poured, lubrication, taps, scene=SCENE):
+        return packing.let_rest(poured, scene, library, packing.Parameters().lubricated(lubrication), taps)
 
     return let_rest
 
 
 @pytest.fixture(scope="module")
 def porosity(library):
-    def porosity_of(bodies):
-        return volume.porosity(volume.voxelise(bodies, library, SCENE["shape_zyx"], 1.0)[0])
+    def porosity_of(bodies, scene=SCENE):
+        return volume.porosity(volume.voxelise(bodies, library, scene["shape_zyx"], 1.0)[0])
 
     return porosity_of
 
@@ -99,29 +103,30 @@ def deficit(first, target):
     }
 
 
-def test_lubrication_reaches_a_denser_target_and_misses_it_when_off(pack, rested, plain, porosity):
-    first, limit = porosity(plain[0][0]), 0.02  # beds of so few grains scatter by 0.015
+def test_lubrication_reaches_a_denser_target_and_misses_it_when_off(pack, rested, porosity):
+    porosity = partial(porosity, scene=WIDE)
+    plain = pack(packing.Parameters(), scene=WIDE)
+    first = porosity(plain[0])
     plan = deficit(first, first - 0.03)
 
     def again(switch):
         return packing.pack_again(
             plan,
-            lambda p, lubrication: pack(packing.Parameters().lubricated(lubrication), rest=False),
-            rested,
+            lambda p, lubrication: pack(packing.Parameters().lubricated(lubrication), rest=False, scene=WIDE),
+            partial(rested, scene=WIDE),
             porosity,
-            plain[0],
+            plain,
             densification=switch,
-            limit=limit,
             passes=5,
         )
 
     bodies, report = again("auto")
     assert report["reached"]
-    assert abs(porosity(bodies) - plan["porosity_target"]) <= limit
+    assert abs(porosity(bodies) - plan["porosity_target"]) <= 0.01
     assert bodies["asleep"].mean() > 0.95
     bodies, report = again("off")
     assert not report["reached"]
-    pd.testing.assert_frame_equal(bodies, plain[0][0])
+    pd.testing.assert_frame_equal(bodies, plain[0])
 
 
 def test_taps_pack_denser_than_lubrication_alone(pack, rested, porosity):

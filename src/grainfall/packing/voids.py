@@ -15,6 +15,7 @@ from grainfall.packing.virtual import EMPTY, VirtualSizes, sphere_probability
 
 
 def smallest_void(library: Library) -> float:
+    """Radius (um) from which a virtual body takes the shape of a void of the library."""
     return float(library.table.loc[library.table["phase"] == VOID, "r2d_um"].min())
 
 
