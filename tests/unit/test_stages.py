@@ -459,16 +459,25 @@ def test_tapping_where_lubrication_is_not_enough():
     ]
 
 
-@pytest.mark.parametrize("tap", [1e-4, 1e-3, 3.5e-3])
-def test_a_bed_that_stays_too_loose_is_said_and_is_the_densest(tap):
+@pytest.mark.parametrize("tap", [1e-4, 1e-3, 3.5e-3, 5e-3])
+@pytest.mark.parametrize("passes", [6, 20])
+def test_a_bed_that_stays_too_loose_is_said_and_is_the_densest(tap, passes):
     """Taps are given up that would not do even if each doubling gained as much; cement does the rest."""
     bed = Bed(0.51, tap=tap)
-    bodies, report = bed.second(deficit(0.51)[1])
+    bodies, report = bed.second(deficit(0.51)[1], passes=passes)
     assert not report["reached"]
     assert len(bed.calls) == 2
     assert bed.of(bodies) == (0.0, SLICK, 8)
     came_to = bed.porosity(bodies[bodies["kind"] == "grain"])
     assert f"lubrication and tapping came to {came_to:.4f}" in report["reason"]
+
+
+def test_taps_that_gain_enough_are_doubled_up_to_the_most():
+    """Where as many as are allowed just do, the target is met."""
+    bed = Bed(0.51, tap=7e-3)
+    _, report = bed.second(deficit(0.51)[1], passes=20)
+    assert report["reached"]
+    assert [taps for *_, taps in bed.rests] == [8, 16, 32]
 
 
 def test_switched_off_densification_visibly_misses():

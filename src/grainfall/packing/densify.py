@@ -12,6 +12,9 @@ bed of 300 took eight times as long as at full friction."""
 FIRST_TAPS = 8
 """Taps of the first tapped packing, doubled in each further one: compaction goes with their logarithm."""
 
+MOST_TAPS = 32
+"""Taps of the last one: sixteen took Berea's bed eight times as long as to pour it, and gained nothing."""
+
 
 def match_density(
     porosity_with: Callable[[float, int], float],
@@ -28,9 +31,9 @@ def match_density(
     ``lubrication``. The first pass has as little friction as that: it tells whether lubrication suffices.
     If so, the factor is bracketed by that pass and the loose packing and found by regula falsi in its
     logarithm, with which porosity goes about linearly; if not, the slick bed is tapped, twice as often in
-    each pass, as long as what the last one gained with a doubling of its taps would do if each of those left
-    gained as much. The aim is a quarter of the tolerance above the target, because contracting positions is
-    a gentler correction than pulling grains apart.
+    each pass up to :data:`MOST_TAPS`, as long as what the last one gained with a doubling of its taps would
+    do if each of those left gained as much. The aim is a quarter of the tolerance above the target, because
+    contracting positions is a gentler correction than pulling grains apart.
 
     Parameters
     ----------
@@ -78,10 +81,12 @@ def match_density(
             nearest = min(nearest, found, key=lambda porosity: abs(porosity - target))
             if found <= aim:
                 many = taps, found
-            elif left * (few[1] - found) / log2((1 + taps) / (1 + few[0])) < found - target - tolerance:
-                break  # the next ones do no more each, and together they would not do
             else:
+                gained = (few[1] - found) / log2((1 + taps) / (1 + few[0]))
+                doublings = min(left, log2(MOST_TAPS / taps))
                 few = taps, found
+                if many is None and doublings * gained < found - target - tolerance:
+                    break  # the next ones do no more each, and together they would not do
             taps = 2 * taps if many is None else (few[0] + many[0]) // 2
     if abs(nearest - target) <= tolerance:
         return ""
