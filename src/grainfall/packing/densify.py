@@ -13,7 +13,8 @@ FIRST_TAPS = 8
 """Taps of the first tapped packing, doubled in each further one: compaction goes with their logarithm."""
 
 MOST_TAPS = 32
-"""Taps of the last one: sixteen took Berea's bed eight times as long as to pour it, and gained nothing."""
+"""Taps of the last one, which four passes come to. Each doubling takes as long as all before it: sixteen took
+a bed of Berea eight times as long as to pour it. More passes are for lubrication and spheres."""
 
 
 def match_density(
