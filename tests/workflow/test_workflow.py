@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 import subprocess
+import time
 from datetime import date
 
 import numpy as np
@@ -293,6 +294,22 @@ def test_a_sweep_of_parameters_grows_by_its_rows(finished, tmp_path):
     jobs = planned(folder, "--", "results/sweep.csv")
     assert (jobs["scene"], jobs["first_packing"], jobs["sweep_table"]) == (1, 2, 1)
     assert not {"synthesise", "morphology", "unfold_sizes", "grain_library", "reference_flow"} & set(jobs)
+
+
+def test_the_scheduler_looks_for_jobs_no_more_often_than_it_says(finished, tmp_path):
+    """Once for each job that ends and once a second, not once a second for each job that has ended."""
+    folder = shutil.copytree(finished, tmp_path / "looks")
+    rows = "".join(f"v{n:02d}\t{0.4 + n / 1000}\n" for n in range(16))
+    (folder / "sweep.tsv").write_text(f"variant\tscene.porosity\n{rows}")
+    write_config(folder, {**TINY, "sweep": "sweep.tsv"})
+    begun = time.monotonic()
+    done = snakemake(folder, "--verbose", "--until", "scene", "--", "results/sweep.csv", cores=1)
+    lasted = time.monotonic() - begun
+    assert done.returncode == 0, done.stdout[-3000:]
+    jobs = done.stdout.count("Finished jobid")
+    assert jobs == 16
+    looks = done.stdout.count("Ready jobs:")
+    assert jobs <= looks <= jobs + lasted
 
 
 def test_verify_says_what_changed(finished, tmp_path, monkeypatch, capsys):

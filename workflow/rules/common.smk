@@ -6,11 +6,13 @@ import os
 import platform
 import shutil
 import sys
+import threading
 from functools import cache
 from pathlib import Path
 
 from snakemake import benchmark
 from snakemake.exceptions import WorkflowError
+from snakemake.scheduling.job_scheduler import JobScheduler
 
 HOUSE = Path(workflow.basedir)
 sys.path.insert(0, str(HOUSE / "src"))
@@ -59,6 +61,26 @@ def sole_run():
 # Snakemake looks at a job twice a second for its first 15 s, then every 30 s, and what a job uses after the last
 # look is in no table: up to half a minute of it. A look a second is cheap.
 benchmark.benchmarked.__wrapped__.__defaults__ = (None, None, 1)
+
+
+def look_again(scheduler, delay):
+    """Have the scheduler look for jobs after so many seconds, unless it is going to look anyway.
+
+    With Snakemake's own, every look asks for one more, and so does every job that ends: they add up to one a second for
+    each job that has ended, after 400 jobs a third of a core, and the last of them keep a finished run waiting.
+    """
+
+    def look():
+        scheduler.look_due = None  # before the look, which may ask for the next one
+        scheduler._open_jobs.release()
+
+    if getattr(scheduler, "look_due", None) is None:
+        scheduler.look_due = threading.Timer(delay, look)
+        scheduler.look_due.daemon = True
+        scheduler.look_due.start()
+
+
+JobScheduler._schedule_reevalutation = look_again
 
 if workflow.is_main_process:
     RUNNING = sole_run()
