@@ -2,24 +2,28 @@
 
 from _stage import stage
 
-from grainfall import io, random, stereology
+from grainfall import grains, io, random, stereology
 from grainfall.errors import InputError
 
 with stage(snakemake) as progress:
-    grains = io.read_table(snakemake.input.grains)
+    sections = io.read_table(snakemake.input.grains)
     pores = io.read_table(snakemake.input.pores)
     summary = io.read_json(snakemake.input.summary)
-    names = summary["phases"]
+    library = grains.Library.load(snakemake.input.library)
+    names, options = summary["phases"], dict(snakemake.params.settings["stereology"])
+    by_shapes = options.pop("particles") == "grains"
     rng = random.generator(**snakemake.params.stream, chapter="stereology")
-    samples = {(n, "grain"): grains[grains.phase == n] for n in range(1, len(names))}
+    samples = {(n, "grain"): sections[sections.phase == n] for n in range(1, len(names))}
     samples[0, "pore"] = pores
     dists = {}
     for (phase, kind), table in samples.items():
         # A pore circle is no section of a body of its size: what pores are left out says little of circles.
-        smallest = summary["smallest_grain_um"] if kind == "grain" else 0.0
-        found = stereology.unfold_table(
-            table, smallest_um=smallest, rng=rng, **snakemake.params.settings["stereology"]
-        )
+        smallest, particle = 0.0, stereology.SPHERE
+        if kind == "grain":
+            smallest = summary["smallest_grain_um"]
+            if by_shapes:
+                particle = stereology.cut_at_random(library.meshes(phase))
+        found = stereology.unfold_table(table, smallest_um=smallest, particle=particle, rng=rng, **options)
         if found is None and kind == "grain":
             raise InputError(
                 snakemake.input.grains,

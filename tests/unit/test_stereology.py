@@ -5,15 +5,20 @@ import itertools
 import numpy as np
 import pandas as pd
 import pytest
+import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
+from scipy.spatial.transform import Rotation
 
 from grainfall.errors import InputError
+from grainfall.grains import sphere
 from grainfall.morphology.split import smallest_radius
 from grainfall.stereology import (
     METHODS,
+    SPHERE,
     SizeDistribution,
+    cut_at_random,
     draw_radii,
     from_table,
     midpoint_kernel,
@@ -80,6 +85,82 @@ def test_paper_kernel_has_no_nan_and_is_wicksells_equation():
     # A flat number density on (0, 2), E[R] = 1: f2D(r) = r arccosh(2 / r) / 2.
     middle = 0.5 * (edges[1:] + edges[:-1])
     np.testing.assert_allclose(kernel.sum(axis=1) / 4, middle * np.arccosh(2.0 / middle) / 2, rtol=1e-9)
+
+
+def of_unit_radius(vertices, faces):
+    mesh = trimesh.Trimesh(vertices, faces)
+    return mesh.vertices * np.cbrt(4 * np.pi / 3 / mesh.volume), mesh.faces
+
+
+def ellipsoid(*axes):
+    vertices, faces = sphere(4)
+    return of_unit_radius(vertices * np.array(axes), faces)
+
+
+def profiles_of_ellipsoids(radii, axes, rng):
+    """By formula: a plane at t times its reach h from the centre cuts pi abc (1 - t^2) / h."""
+    axes = np.array(axes) / np.cbrt(np.prod(axes))
+    kept = np.empty(0)
+    while len(kept) < len(radii):
+        normals = rng.standard_normal((8 * len(radii), 3))
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        reach = np.linalg.norm(normals * axes, axis=1)
+        kept = np.append(kept, reach[rng.random(len(reach)) * axes.max() < reach])
+    return radii * np.sqrt((1 - rng.random(len(radii)) ** 2) / kept[: len(radii)])
+
+
+def test_cuts_through_a_sphere_are_wicksells():
+    cuts = cut_at_random([sphere(4)] * 100)
+    assert cuts.mean == pytest.approx(np.pi / 4, rel=1e-3)
+    for share in (0.1, 0.5, 0.9):
+        assert cuts.exceeded(share) == pytest.approx(SPHERE.exceeded(share), rel=0.01)
+    edges = np.linspace(0.0, 2.0, 41)
+    np.testing.assert_allclose(section_kernel(edges, edges, cuts), section_kernel(edges, edges), atol=0.01)
+
+
+@pytest.mark.parametrize("edges", [(1, 1, 1), (1, 2, 3), (1, 6, 6), (1, 1, 8)])
+def test_mean_profile_is_the_volume_over_the_mean_width(edges):
+    """E[A] = V / b for any convex body; a box is (a + b + c) / 2 wide on average."""
+    box = trimesh.creation.box(edges)
+    box = of_unit_radius(box.vertices, box.faces)
+    width = sum(edges) / 2 * np.cbrt(4 * np.pi / 3 / np.prod(edges))
+    cuts = cut_at_random([box] * 60)
+    assert np.pi * cuts.weights @ cuts.radii**2 == pytest.approx(4 * np.pi / 3 / width, rel=2e-3)
+    assert cuts.weights.sum() == pytest.approx(1)
+
+
+def test_profiles_of_one_plane_count_apart_and_holes_do_not():
+    vertices, faces = sphere()
+    small = vertices * np.cbrt(0.5)
+    apart = np.concatenate([np.subtract(small, [5, 0, 0]), np.add(small, [5, 0, 0])])
+    cuts = cut_at_random([(apart, np.concatenate([faces, faces + len(small)]))] * 40, planes=64)
+    assert cuts.radii[-1] <= np.cbrt(0.5) * 1.01
+    assert cuts.mean == pytest.approx(np.cbrt(0.5) * np.pi / 4, rel=0.01)
+    hollow = (
+        np.concatenate([vertices, 0.9 * vertices]),
+        np.concatenate([faces, faces[:, ::-1] + len(vertices)]),
+    )
+    assert cut_at_random([hollow] * 40, planes=64).mean == pytest.approx(np.pi / 4, rel=0.01)
+
+
+@pytest.mark.parametrize("axes", [(1, 1, 0.4), (2, 1, 1)])
+def test_grains_are_unfolded_by_their_own_shape(axes):
+    rng = np.random.default_rng(10)
+    truth = 20 * np.exp(0.25 * rng.standard_normal(100_000))
+    cut = rng.choice(truth, 4000, p=truth / truth.sum())
+    seen = profiles_of_ellipsoids(cut, axes, rng)
+    own, as_spheres = unfold(seen, particle=cut_at_random([ellipsoid(*axes)] * 40)), unfold(seen)
+    assert own.mean() == pytest.approx(truth.mean(), rel=0.015)
+    assert own.quantile(0.9) == pytest.approx(np.quantile(truth, 0.9), rel=0.015)
+    assert as_spheres.mean() < 0.965 * truth.mean()
+
+
+def test_a_shape_is_cut_alike_however_it_is_turned():
+    vertices, faces = ellipsoid(1, 2, 4)
+    turned = [(turn.apply(vertices), faces) for turn in Rotation.random(40, random_state=3)]
+    one, other = cut_at_random([(vertices, faces)] * 40), cut_at_random(turned)
+    for share in (0.1, 0.5, 0.9):
+        assert one.exceeded(share) == pytest.approx(other.exceeded(share), rel=0.01)
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -16,7 +16,7 @@ import zarr
 from outputs import outputs
 
 from conftest import ROOT, TINY, planned, snakemake, write_config
-from grainfall import flow, io, packing, provenance
+from grainfall import flow, io, packing, provenance, stereology
 from grainfall.export import FORMATS
 from grainfall.io import read_volume
 from grainfall.report import SUMMARY_COLUMNS
@@ -352,6 +352,20 @@ def test_an_edit_reruns_what_goes_by_it(finished, over, rerun, spared):
     jobs = set(planned(finished, config="edited.yaml"))
     assert rerun in jobs
     assert not spared & jobs
+
+
+def test_what_particles_are_taken_for_is_what_the_config_says(finished, tmp_path):
+    before = stereology.from_table(io.read_table(finished / "results/tiny/sizes.csv"))
+    folder = shutil.copytree(finished, tmp_path / "spheres")
+    write_config(folder, changed(stereology={"particles": "spheres"}))
+    done = snakemake(folder, "--", "results/tiny/sizes.csv")
+    assert done.returncode == 0, done.stdout[-3000:]
+    as_spheres = stereology.from_table(io.read_table(folder / "results/tiny/sizes.csv"))
+    assert {kind for _, kind in as_spheres} == {"grain", "pore"}
+    for key, sizes in as_spheres.items():
+        # Blocks are wider than spheres of their volume: their profiles are smaller. Pores are circles anyway.
+        one, other = sizes.mean(), before[key].mean()
+        assert other > 1.005 * one if key[1] == "grain" else other == one
 
 
 def test_a_section_is_read_again_for_what_it_was_read_by_only(tmp_path):

@@ -6,6 +6,8 @@ rule unfold_sizes:
         grains=f"{SAMPLE}/grains2d.csv",
         pores=f"{SAMPLE}/pores2d.csv",
         summary=f"{SAMPLE}/section.json",
+        library=ancient(f"{SAMPLE}/grains3d"),
+        library_record=f"{SAMPLE}/logs/grain_library.json",
     output:
         sizes=f"{SAMPLE}/sizes.csv",
     log:
@@ -20,6 +22,6 @@ rule unfold_sizes:
     params:
         stream=stream,
         settings=settings("stereology"),
-        science=science("stereology"),
+        science=science("stereology", "grains"),
     script:
         "../../scripts/unfold_sizes.py"

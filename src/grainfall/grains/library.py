@@ -97,6 +97,10 @@ class Library:
         """Vertices and faces of a shape; id −1 is a sphere."""
         return sphere() if shape == SPHERE else (self.vertices[shape], self.faces[shape])
 
+    def meshes(self, phase: int) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Vertices and faces of all shapes of a mineral."""
+        return [self.mesh(shape) for shape in self.table.loc[self.table["phase"] == phase, "shape"]]
+
     def save(self, folder: str | Path) -> None:
         """Write ``shapes.npz``, ``library.csv`` and ``skipped.csv``; equal content gives equal bytes."""
         folder = Path(folder)
@@ -164,6 +168,7 @@ def build_library(
     *,
     candidates: int = 12,
     resolution: int | None = None,
+    pieces: bool = True,
     progress: Callable[[str], None] | None = None,
 ) -> Library:
     """Draw masks, three to a grain, and build the shapes of every mineral, cut into convex pieces.
@@ -186,6 +191,8 @@ def build_library(
         Draws of the second and third mask for each shape; 1 takes the first that comes.
     resolution : int, optional
         Points around the equator, see :func:`~grainfall.grains.grain_from_masks`.
+    pieces : bool
+        Whether shapes are cut; who only looks at them need not wait for it.
     progress : callable, optional
         Is told in a line of each shape made.
 
@@ -217,8 +224,8 @@ def build_library(
             chosen, contours = _three_masks(masks["contour"].to_list(), bins, weight, candidates, rng)
             grain = grain_from_contours(contours, resolution=resolution)
             vertices, properties = _normalised(grain)
-            pieces, parts_excess = cut(vertices, grain.faces)
-            shapes.append((vertices, grain.faces, pieces))
+            parts, parts_excess = cut(vertices, grain.faces) if pieces else ((), np.nan)
+            shapes.append((vertices, grain.faces, parts))
             rows.append(
                 {
                     "shape": len(rows),
@@ -231,16 +238,16 @@ def build_library(
                     **{f"iou_{p}": value for p, value in zip(_PLANES, grain.iou, strict=True)},
                     "reading": grain.reading,
                     **properties,
-                    "pieces": len(pieces),
+                    "pieces": len(parts),
                     "parts_excess": parts_excess,
                 }
             )
             if progress is not None:
                 excess = f"hull excess {properties['hull_excess']:.3f}"
-                excess += f", {parts_excess:.3f} in {len(pieces)} pieces" if pieces else ", left whole"
+                excess += f", {parts_excess:.3f} in {len(parts)} pieces" if parts else ", left whole"
                 progress(f"shape {len(rows)} of {total}: {excess}")
-    vertices, faces, pieces = (list(part) for part in zip(*shapes, strict=True))
-    return Library(vertices, faces, pd.DataFrame(rows), skipped, pieces)
+    vertices, faces, cuts = (list(part) for part in zip(*shapes, strict=True))
+    return Library(vertices, faces, pd.DataFrame(rows), skipped, cuts)
 
 
 def cut(vertices: np.ndarray, faces: np.ndarray) -> tuple[tuple[np.ndarray, ...], float]:

@@ -1,18 +1,8 @@
-"""Wicksell's corpuscle problem: the radii of sections become the radii of the particles that were cut.
-
-A plane meets a sphere of radius R with probability proportional to R, at a distance from the centre that is
-uniform on (0, R). Number densities of particles (f3D) and of sections (f2D) therefore obey
-
-    f2D(r) = r / E[R] * integral over R > r of f3D(R) / sqrt(R^2 - r^2) dR .
-
-Everything here is a number density per micrometre of radius; other shapes than spheres enter through their
-equivalent radii only.
-"""
+"""From the radii of sections to those of the particles that were cut: four ways to invert the kernel."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -20,134 +10,10 @@ import pandas as pd
 import scipy  # its parts load when they are first used
 
 from grainfall.errors import InputError
+from grainfall.stereology.distribution import SizeDistribution, checked_edges, rebinned
+from grainfall.stereology.kernel import SPHERE, Particle, midpoint_kernel, section_kernel
 
 METHODS = ("adaptive", "tikhonov", "paper", "none")
-COLUMNS = ["phase", "kind", "r_lo_um", "r_hi_um", "f2d", "f3d", "lower", "upper"]
-
-
-@dataclass(frozen=True)
-class SizeDistribution:
-    """Radii in sections and in space as histograms on common bins.
-
-    Attributes
-    ----------
-    edges_um : (n + 1,) ndarray
-        Bin edges, increasing, micrometres.
-    f2d, f3d : (n,) ndarray
-        Number densities of section radii and of particle radii, per micrometre; each integrates to 1.
-    lower, upper : (n,) ndarray
-        Pointwise 95 % bootstrap band of ``f3d``; NaN where no bootstrap was asked for.
-    method : str
-        How ``f3d`` was found.
-    regularisation : float
-        What the data chose: the (mean) number of components of ``adaptive``, the weight of the penalty of
-        ``tikhonov`` and ``paper``; NaN where there is none.
-    """
-
-    edges_um: np.ndarray
-    f2d: np.ndarray
-    f3d: np.ndarray
-    lower: np.ndarray = field(repr=False)
-    upper: np.ndarray = field(repr=False)
-    method: str
-    regularisation: float
-
-    def masses(self, which: str = "f3d") -> np.ndarray:
-        """Probability of each bin, (n,), for ``which`` of ``"f3d"`` and ``"f2d"``."""
-        return _which(self, which) * np.diff(self.edges_um)
-
-    def moment(self, power: int, which: str = "f3d") -> float:
-        """E[r**power] in um**power, exact for a density that is constant within bins."""
-        edges = self.edges_um
-        integral = np.diff(edges ** (power + 1)) / (power + 1)
-        return float(_which(self, which) @ integral)
-
-    def mean(self, which: str = "f3d") -> float:
-        """Mean radius, micrometres."""
-        return self.moment(1, which)
-
-    def mean_volume(self, which: str = "f3d") -> float:
-        """Mean volume of a sphere, cubic micrometres."""
-        return 4.0 / 3.0 * np.pi * self.moment(3, which)
-
-    def cdf(self, radii_um: np.ndarray | float, which: str = "f3d") -> np.ndarray | float:
-        """Probability of a radius at most ``radii_um`` (any shape)."""
-        cumulative = np.concatenate([[0.0], np.cumsum(self.masses(which))])
-        return np.interp(radii_um, self.edges_um, cumulative / cumulative[-1])
-
-    def quantile(self, q: np.ndarray | float, which: str = "f3d") -> np.ndarray | float:
-        """Smallest radius (um) at which the distribution function reaches ``q`` (any shape)."""
-        cumulative = np.concatenate([[0.0], np.cumsum(self.masses(which))])
-        cumulative /= cumulative[-1]
-        q = np.asarray(q, dtype=float)
-        if np.any((q < 0) | (q > 1)):
-            raise ValueError("a quantile lies between 0 and 1")
-        # Empty bins make flat pieces, which np.interp would not resolve to the left end.
-        right = np.clip(np.searchsorted(cumulative, q, side="left"), 1, len(cumulative) - 1)
-        low, high = cumulative[right - 1], cumulative[right]
-        share = np.divide(q - low, high - low, out=np.zeros_like(q), where=high > low)
-        first = int(np.argmax(self.masses(which) > 0))
-        found = self.edges_um[right - 1] + share * np.diff(self.edges_um)[right - 1]
-        return np.maximum(found, self.edges_um[first])[()]
-
-
-def _which(distribution: SizeDistribution, which: str) -> np.ndarray:
-    if which not in ("f3d", "f2d"):
-        raise ValueError(f"which = {which!r}: f3d or f2d")
-    return getattr(distribution, which)
-
-
-def section_kernel(section_edges: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    r"""Probability that a particle drawn and cut gives a section in bin i, exact for flat bins.
-
-    With a number density that is constant on the particle bin [a, b], the chance that a section of such a
-    particle exceeds x is ``(G(b, x) - G(a, x)) / (G(b, 0) - G(a, 0))`` where
-
-    .. math:: G(R, x) = \int_x^R \sqrt{\rho^2 - x^2}\, d\rho
-                      = \tfrac12 \left( R\sqrt{R^2 - x^2} - x^2 \operatorname{arccosh}(R / x) \right)
-
-    and G = 0 for R < x: the survival function of Wicksell's equation, integrated over the bin.
-
-    Parameters
-    ----------
-    section_edges : (m + 1,) ndarray
-        Increasing edges of the section bins, >= 0.
-    edges : (n + 1,) ndarray
-        Increasing edges of the particle bins, >= 0.
-
-    Returns
-    -------
-    (m, n) ndarray
-        Column j sums to 1 where the section bins cover [0, edges[j + 1]]. A particle is cut in proportion
-        to its radius: multiply column j by the bin's mean radius to start from number densities.
-    """
-    x = np.asarray(section_edges, dtype=float)[:, None]
-    radius = np.maximum(np.asarray(edges, dtype=float)[None, :], x)
-    ratio = np.divide(radius, x, out=np.ones_like(radius), where=x > 0)
-    primitive = 0.5 * (radius * np.sqrt((radius - x) * (radius + x)) - x**2 * np.arccosh(ratio))
-    survival = np.diff(primitive, axis=1)
-    return -np.diff(survival, axis=0) / (0.5 * np.diff(np.asarray(edges, dtype=float) ** 2))
-
-
-def midpoint_kernel(edges: np.ndarray) -> np.ndarray:
-    """The paper's matrix **A**: section densities at bin midpoints from particle densities (up to a factor).
-
-    a_ij = r_mi [ln((R + s) / (R - s))] between max(r_(j-1), r_mi) and max(r_j, r_mi), s = sqrt(R^2 - r_mi^2).
-    The paper's lower limit r_(j-1) is below r_mi on the diagonal, where the root is imaginary (NaN);
-    particles smaller than the section cannot have made it, so the integral starts at r_mi.
-    Half the logarithm is arccosh(R / r_mi), which does not cancel.
-
-    Parameters
-    ----------
-    edges : (n + 1,) ndarray
-
-    Returns
-    -------
-    (n, n) ndarray
-    """
-    middle = 0.5 * (edges[1:] + edges[:-1])[:, None]
-    limits = np.maximum(edges[None, :], middle)
-    return 2.0 * middle * np.diff(np.arccosh(limits / middle), axis=1)
 
 
 def unfold(
@@ -157,6 +23,7 @@ def unfold(
     method: str = "adaptive",
     edges_um: np.ndarray | None = None,
     smallest_um: float = 0.0,
+    particle: Particle = SPHERE,
     bootstrap: int = 200,
     rng: np.random.Generator | None = None,
 ) -> SizeDistribution:
@@ -178,6 +45,9 @@ def unfold(
     smallest_um : float
         Radius below which sections were left out, as specks: that none is there then says nothing. Heeded by
         ``adaptive`` only; the others take what is missing for absent.
+    particle : Particle
+        Shape of the particles, a sphere by default (:func:`cut_at_random` makes it from meshes). Heeded by
+        ``adaptive`` only; the others take all for spheres.
     bootstrap : int
         Resamples of the sections behind the 95 % band. ``adaptive`` weighs its numbers of components anew for
         each of them, the other methods hold their regularisation.
@@ -202,15 +72,15 @@ def unfold(
     if method not in METHODS:
         raise InputError("stereology method", f"{method!r} is not known", f"one of {', '.join(METHODS)}")
     if edges_um is not None:
-        edges_um = _checked_edges(edges_um, radii)
+        edges_um = checked_edges(edges_um, radii)
 
-    inversion = _INVERSIONS[method](radii, weights, edges_um, smallest_um)
+    inversion = _INVERSIONS[method](radii, weights, edges_um, smallest_um, particle)
     grid = inversion.edges
     edges = grid if edges_um is None else edges_um
 
     def on_edges(density: np.ndarray) -> np.ndarray:
         """On the bins asked for, all particles in them: the sieve's reach beyond the largest section."""
-        return density if edges is grid else _density(_rebinned(grid, density, edges), edges)
+        return density if edges is grid else _density(rebinned(grid, density, edges), edges)
 
     f3d = on_edges(inversion.f3d)
     f2d = _histogram(radii, weights, edges)
@@ -248,19 +118,6 @@ def _checked(radii_um: np.ndarray, weights: np.ndarray | None) -> tuple[np.ndarr
     return radii[order], weights[order]
 
 
-def _checked_edges(edges_um: np.ndarray, radii: np.ndarray | None = None) -> np.ndarray:
-    edges = np.asarray(edges_um, dtype=float).ravel()
-    if edges.size < 2 or not np.all(np.isfinite(edges)) or edges[0] < 0 or np.any(np.diff(edges) <= 0):
-        raise InputError("size bins", "not increasing from 0 or above", "give at least two finite edges")
-    if radii is not None and not edges[0] <= radii[0] <= radii[-1] <= edges[-1]:
-        raise InputError(
-            "size bins",
-            f"{edges[0]:g} to {edges[-1]:g} um does not hold the radii",
-            f"cover {radii[0]:g} to {radii[-1]:g} um",
-        )
-    return edges
-
-
 def _histogram(radii: np.ndarray, weights: np.ndarray, edges: np.ndarray) -> np.ndarray:
     """Density of weighted radii on bins that hold them all."""
     counts = np.histogram(radii, edges, weights=weights)[0]
@@ -272,14 +129,23 @@ def _density(values: np.ndarray, edges: np.ndarray) -> np.ndarray:
 
 
 def _none(
-    radii: np.ndarray, weights: np.ndarray, edges_um: np.ndarray | None, smallest_um: float
+    radii: np.ndarray,
+    weights: np.ndarray,
+    edges_um: np.ndarray | None,
+    smallest_um: float,
+    particle: Particle,
 ) -> _Inversion:
     edges = _Sieve(radii, weights).edges if edges_um is None else edges_um
     return _Inversion(edges, _histogram(radii, weights, edges), lambda w: _histogram(radii, w, edges), np.nan)
 
 
 def _paper(
-    radii: np.ndarray, weights: np.ndarray, edges_um: np.ndarray | None, smallest_um: float, bins: int = 40
+    radii: np.ndarray,
+    weights: np.ndarray,
+    edges_um: np.ndarray | None,
+    smallest_um: float,
+    particle: Particle,
+    bins: int = 40,
 ) -> _Inversion:
     """The paper's inversion; it leaves the number of bins and the penalty's weight open (here: 40, GCV)."""
     edges = np.linspace(0.0, 2.0 * radii[-1], bins + 1) if edges_um is None else edges_um
@@ -304,7 +170,11 @@ def _paper(
 
 
 def _tikhonov(
-    radii: np.ndarray, weights: np.ndarray, edges_um: np.ndarray | None, smallest_um: float
+    radii: np.ndarray,
+    weights: np.ndarray,
+    edges_um: np.ndarray | None,
+    smallest_um: float,
+    particle: Particle,
 ) -> _Inversion:
     """NNLS on the exact kernel with a second-difference penalty, its weight by five-fold cross-validation.
 
@@ -342,7 +212,11 @@ def _tikhonov(
 
 
 def _adaptive(
-    radii: np.ndarray, weights: np.ndarray, edges_um: np.ndarray | None, smallest_um: float
+    radii: np.ndarray,
+    weights: np.ndarray,
+    edges_um: np.ndarray | None,
+    smallest_um: float,
+    particle: Particle,
 ) -> _Inversion:
     """Mixtures of gamma densities by maximum likelihood, averaged over their number.
 
@@ -353,7 +227,7 @@ def _adaptive(
     kept. A mixture of gammas comes as close as one likes to any density on positive sizes, so the estimate
     follows the data as their number grows.
     """
-    sieve = _Sieve(radii, weights, smallest_um)
+    sieve = _Sieve(radii, weights, smallest_um, particle)
     fits = sieve.fit(sieve.counts(weights))
 
     def again(w: np.ndarray) -> np.ndarray:
@@ -389,7 +263,13 @@ class _Sieve:
     BEYOND = 0.5  # nor above exp(0.5) of it
     SEEN = 0.75  # no component has its mean where fewer sections are seen: their number would be a guess
 
-    def __init__(self, radii: np.ndarray, weights: np.ndarray, smallest_um: float = 0.0):
+    def __init__(
+        self,
+        radii: np.ndarray,
+        weights: np.ndarray,
+        smallest_um: float = 0.0,
+        particle: Particle = SPHERE,
+    ):
         # Kish's effective number: what weighted sections are worth.
         self.sections = weights.sum() ** 2 / np.sum(weights**2)
         step = float(np.clip(0.16 * self.sections**-0.3, 0.008, 0.03))
@@ -402,13 +282,13 @@ class _Sieve:
         # In proportion to the chance that a plane cuts a particle of each bin so that it is seen.
         self._chance = self._middle
         if smallest_um > 0:
-            self._chance = self._middle * section_kernel([smallest_um, inner[-1]], inner)[0]
+            self._chance = self._middle * (1.0 - section_kernel([0.0, smallest_um], inner, particle)[0])
         # Bins without sections add nothing to the likelihood: every component has the total chance 1.
         section_edges = np.unique(np.maximum(_section_edges(self.edges, radii), smallest_um))
         bin_of = np.searchsorted(section_edges, radii, side="right") - 1
         filled, self._row = np.unique(bin_of, return_inverse=True)
-        self._kernel = section_kernel(section_edges, inner)[filled] * self._middle
-        seen = smallest_um / np.sqrt(1 - self.SEEN**2)
+        self._kernel = section_kernel(section_edges, inner, particle)[filled] * self._middle
+        seen = smallest_um / particle.exceeded(self.SEEN)
         lowest = np.log(max(inner[1], min(seen, np.exp(top - self.BEYOND))))
         self._bounds = (lowest, top + 0.6 * self.BEYOND), (np.log(step / 3), 0.0)
         # Where the search may start: every size at every width.
@@ -526,102 +406,6 @@ def _section_edges(grid: np.ndarray, radii: np.ndarray) -> np.ndarray:
 
 
 _INVERSIONS = {"adaptive": _adaptive, "tikhonov": _tikhonov, "paper": _paper, "none": _none}
-
-
-def _rebinned(edges: np.ndarray, density: np.ndarray, onto: np.ndarray) -> np.ndarray:
-    """A density that is constant within ``edges`` averaged over the bins ``onto``."""
-    if edges is onto:
-        return density
-    cumulative = np.concatenate([[0.0], np.cumsum(density * np.diff(edges))])
-    return np.diff(np.interp(onto, edges, cumulative)) / np.diff(onto)
-
-
-def rebin(distribution: SizeDistribution, edges_um: np.ndarray) -> SizeDistribution:
-    """The same distribution on other bins; each bin keeps its number of particles.
-
-    Parameters
-    ----------
-    distribution : SizeDistribution
-    edges_um : (m + 1,) array
-        Increasing edges that hold the whole distribution.
-
-    Returns
-    -------
-    SizeDistribution
-        The band's ends are averaged over the new bins like the densities, which is on the wide side.
-
-    Raises
-    ------
-    InputError
-        When the edges do not increase or would cut particles or sections off.
-    """
-    old, new = distribution.edges_um, _checked_edges(edges_um)
-    filled = np.flatnonzero((distribution.f2d > 0) | (distribution.f3d > 0))
-    _checked_edges(new, old[[filled[0], filled[-1] + 1]])
-    densities = (
-        _rebinned(old, getattr(distribution, name), new) for name in ("f2d", "f3d", "lower", "upper")
-    )
-    return SizeDistribution(new, *densities, distribution.method, distribution.regularisation)
-
-
-def draw_radii(
-    distribution: SizeDistribution, n: int, rng: np.random.Generator, which: str = "f3d"
-) -> np.ndarray:
-    """Radii of ``n`` particles: one from each of n equally probable strata, in random order.
-
-    Parameters
-    ----------
-    distribution : SizeDistribution
-    n : int
-    rng : numpy.random.Generator
-    which : {"f3d", "f2d"}
-
-    Returns
-    -------
-    (n,) ndarray
-        Micrometres. Their distribution function differs from the distribution's by at most 1 / n.
-    """
-    strata = (np.arange(n) + rng.random(n)) / max(n, 1)
-    return rng.permutation(distribution.quantile(strata, which))
-
-
-def to_table(distributions: Mapping[tuple[int, str], SizeDistribution]) -> pd.DataFrame:
-    """One row a bin, columns as in ``sizes.csv``.
-
-    Parameters
-    ----------
-    distributions : mapping of (phase, kind) to SizeDistribution
-        Kind is ``grain`` or ``pore``. What has no sections has no key and no rows.
-    """
-    rows = [
-        pd.DataFrame(
-            {
-                "phase": phase,
-                "kind": kind,
-                "r_lo_um": d.edges_um[:-1],
-                "r_hi_um": d.edges_um[1:],
-                "f2d": d.f2d,
-                "f3d": d.f3d,
-                "lower": d.lower,
-                "upper": d.upper,
-            }
-        )
-        for (phase, kind), d in distributions.items()
-    ]
-    return pd.concat(rows, ignore_index=True) if rows else pd.DataFrame(columns=COLUMNS)
-
-
-def from_table(table: pd.DataFrame) -> dict[tuple[int, str], SizeDistribution]:
-    """The distributions of a table made by :func:`to_table`, by (phase, kind).
-
-    The table holds no method and no regularisation: they read ``"table"`` and NaN.
-    """
-    found = {}
-    for (phase, kind), rows in table.groupby(["phase", "kind"], sort=False):
-        edges = np.append(rows["r_lo_um"].to_numpy(), rows["r_hi_um"].iloc[-1])
-        columns = (rows[name].to_numpy(dtype=float) for name in ("f2d", "f3d", "lower", "upper"))
-        found[int(phase), str(kind)] = SizeDistribution(edges, *columns, "table", np.nan)
-    return found
 
 
 def unfold_table(table: pd.DataFrame, **options) -> SizeDistribution | None:
