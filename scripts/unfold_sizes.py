@@ -22,7 +22,7 @@ with stage(snakemake) as progress:
         if kind == "grain":
             smallest = summary["smallest_grain_um"]
             if by_shapes:
-                particle = stereology.cut_at_random(library.meshes(phase))
+                particle = grains.random_profiles(library.meshes(phase))
         found = stereology.unfold_table(table, smallest_um=smallest, particle=particle, rng=rng, **options)
         if found is None and kind == "grain":
             raise InputError(

@@ -12,13 +12,12 @@ from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 
 from grainfall.errors import InputError
-from grainfall.grains import sphere
+from grainfall.grains import random_profiles, sphere
 from grainfall.morphology.split import smallest_radius
 from grainfall.stereology import (
     METHODS,
     SPHERE,
     SizeDistribution,
-    cut_at_random,
     draw_radii,
     from_table,
     midpoint_kernel,
@@ -110,7 +109,7 @@ def profiles_of_ellipsoids(radii, axes, rng):
 
 
 def test_cuts_through_a_sphere_are_wicksells():
-    cuts = cut_at_random([sphere(4)] * 100)
+    cuts = random_profiles([sphere(4)] * 100)
     assert cuts.mean == pytest.approx(np.pi / 4, rel=1e-3)
     for share in (0.1, 0.5, 0.9):
         assert cuts.exceeded(share) == pytest.approx(SPHERE.exceeded(share), rel=0.01)
@@ -124,7 +123,7 @@ def test_mean_profile_is_the_volume_over_the_mean_width(edges):
     box = trimesh.creation.box(edges)
     box = of_unit_radius(box.vertices, box.faces)
     width = sum(edges) / 2 * np.cbrt(4 * np.pi / 3 / np.prod(edges))
-    cuts = cut_at_random([box] * 60)
+    cuts = random_profiles([box] * 60)
     assert np.pi * cuts.weights @ cuts.radii**2 == pytest.approx(4 * np.pi / 3 / width, rel=2e-3)
     assert cuts.weights.sum() == pytest.approx(1)
 
@@ -133,14 +132,14 @@ def test_profiles_of_one_plane_count_apart_and_holes_do_not():
     vertices, faces = sphere()
     small = vertices * np.cbrt(0.5)
     apart = np.concatenate([np.subtract(small, [5, 0, 0]), np.add(small, [5, 0, 0])])
-    cuts = cut_at_random([(apart, np.concatenate([faces, faces + len(small)]))] * 40, planes=64)
+    cuts = random_profiles([(apart, np.concatenate([faces, faces + len(small)]))] * 40, planes=64)
     assert cuts.radii[-1] <= np.cbrt(0.5) * 1.01
     assert cuts.mean == pytest.approx(np.cbrt(0.5) * np.pi / 4, rel=0.01)
     hollow = (
         np.concatenate([vertices, 0.9 * vertices]),
         np.concatenate([faces, faces[:, ::-1] + len(vertices)]),
     )
-    assert cut_at_random([hollow] * 40, planes=64).mean == pytest.approx(np.pi / 4, rel=0.01)
+    assert random_profiles([hollow] * 40, planes=64).mean == pytest.approx(np.pi / 4, rel=0.01)
 
 
 @pytest.mark.parametrize("axes", [(1, 1, 0.4), (2, 1, 1)])
@@ -149,7 +148,7 @@ def test_grains_are_unfolded_by_their_own_shape(axes):
     truth = 20 * np.exp(0.25 * rng.standard_normal(100_000))
     cut = rng.choice(truth, 4000, p=truth / truth.sum())
     seen = profiles_of_ellipsoids(cut, axes, rng)
-    own, as_spheres = unfold(seen, particle=cut_at_random([ellipsoid(*axes)] * 40)), unfold(seen)
+    own, as_spheres = unfold(seen, particle=random_profiles([ellipsoid(*axes)] * 40)), unfold(seen)
     assert own.mean() == pytest.approx(truth.mean(), rel=0.015)
     assert own.quantile(0.9) == pytest.approx(np.quantile(truth, 0.9), rel=0.015)
     assert as_spheres.mean() < 0.965 * truth.mean()
@@ -158,7 +157,7 @@ def test_grains_are_unfolded_by_their_own_shape(axes):
 def test_a_shape_is_cut_alike_however_it_is_turned():
     vertices, faces = ellipsoid(1, 2, 4)
     turned = [(turn.apply(vertices), faces) for turn in Rotation.random(40, random_state=3)]
-    one, other = cut_at_random([(vertices, faces)] * 40), cut_at_random(turned)
+    one, other = random_profiles([(vertices, faces)] * 40), random_profiles(turned)
     for share in (0.1, 0.5, 0.9):
         assert one.exceeded(share) == pytest.approx(other.exceeded(share), rel=0.01)
 

@@ -173,7 +173,7 @@ def _unfolded(found: morphology.Analysis, phase: int, method: str) -> stereology
         shapes = grains.build_library(
             found.grain_labels, table, SHAPES, random.generator(0, "new", 0, "grains"), pieces=False
         )
-        particle = stereology.cut_at_random(shapes.meshes(phase))
+        particle = grains.random_profiles(shapes.meshes(phase))
     return stereology.unfold_table(table, method=method, smallest_um=found.smallest_um, particle=particle)
 
 

@@ -22,7 +22,6 @@ from grainfall.stereology.kernel import (
     SPHERE,
     Particle,
     Profiles,
-    cut_at_random,
     midpoint_kernel,
     section_kernel,
 )
@@ -34,7 +33,6 @@ __all__ = [
     "Particle",
     "Profiles",
     "SizeDistribution",
-    "cut_at_random",
     "draw_radii",
     "from_table",
     "midpoint_kernel",

@@ -46,8 +46,8 @@ def unfold(
         Radius below which sections were left out, as specks: that none is there then says nothing. Heeded by
         ``adaptive`` only; the others take what is missing for absent.
     particle : Particle
-        Shape of the particles, a sphere by default (:func:`cut_at_random` makes it from meshes). Heeded by
-        ``adaptive`` only; the others take all for spheres.
+        Shape of the particles, a sphere by default; :func:`grainfall.grains.random_profiles` makes one from
+        meshes. Heeded by ``adaptive`` only; the others take all for spheres.
     bootstrap : int
         Resamples of the sections behind the 95 % band. ``adaptive`` weighs its numbers of components anew for
         each of them, the other methods hold their regularisation.
