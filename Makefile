@@ -96,6 +96,7 @@ bench-costs: $(VENV)/.ready  ## what twins cost, the table behind the expectatio
 
 bench-stereology: $(VENV)/.ready
 	$(BIN)/python tests/benchmarks/stereology.py --out results/benchmarks/stereology.csv
+	$(BIN)/python tests/benchmarks/grain_shapes.py --out results/benchmarks/grain_shapes.csv
 
 bench-segmentation: $(VENV)/.ready
 	$(BIN)/python tests/benchmarks/segmentation.py --out results/benchmarks/segmentation.csv
