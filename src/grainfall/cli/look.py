@@ -132,7 +132,7 @@ def look(
     )
     summary = {**found.summary(section.phases), "pixel_size_um": pixel_size_um}
     sizes = {
-        (n, "grain"): _unfolded(found, n, settings["stereology"]["method"])
+        (n, "grain"): _unfolded(found, n, settings["stereology"]["method"], section.instances is not None)
         for n in range(1, len(section.phases))
     }
     for (n, _), size in sizes.items():
@@ -165,15 +165,17 @@ def look(
     )
 
 
-def _unfolded(found: morphology.Analysis, phase: int, method: str) -> stereology.SizeDistribution | None:
-    """Sizes in space of a mineral's grains, by what planes cut from a few of their shapes."""
+def _unfolded(
+    found: morphology.Analysis, phase: int, method: str, outlined: bool
+) -> stereology.SizeDistribution | None:
+    """Sizes in space of a mineral's grains; where outlined, by what planes cut from a few of their shapes."""
     table, particle = found.grains[found.grains.phase == phase], stereology.SPHERE
-    # Without a mask that makes a grain the study will say so; a sphere does to look.
-    with contextlib.suppress(InputError):
-        shapes = grains.build_library(
-            found.grain_labels, table, SHAPES, random.generator(0, "new", 0, "grains"), pieces=False
-        )
-        particle = grains.random_profiles(shapes.meshes(phase))
+    if outlined:
+        # Where no mask makes a grain the study will say so; a sphere does to look.
+        with contextlib.suppress(InputError):
+            rng = random.generator(0, "new", 0, "grains")
+            shapes = grains.build_library(found.grain_labels, table, SHAPES, rng, pieces=False)
+            particle = grains.random_profiles(shapes.meshes(phase))
     return stereology.unfold_table(table, method=method, smallest_um=found.smallest_um, particle=particle)
 
 
