@@ -282,7 +282,8 @@ class _Sieve:
         # In proportion to the chance that a plane cuts a particle of each bin so that it is seen.
         self._chance = self._middle
         if smallest_um > 0:
-            self._chance = self._middle * (1.0 - section_kernel([0.0, smallest_um], inner, particle)[0])
+            beyond_all = 4 * inner[-1]  # of a grain that is no sphere, a section may be wider than its radius
+            self._chance = self._middle * section_kernel([smallest_um, beyond_all], inner, particle)[0]
         # Bins without sections add nothing to the likelihood: every component has the total chance 1.
         section_edges = np.unique(np.maximum(_section_edges(self.edges, radii), smallest_um))
         bin_of = np.searchsorted(section_edges, radii, side="right") - 1
