@@ -74,7 +74,10 @@ def unfold(
     if edges_um is not None:
         edges_um = checked_edges(edges_um, radii)
 
-    inversion = _INVERSIONS[method](radii, weights, edges_um, smallest_um, particle)
+    if method == "adaptive":
+        inversion = _adaptive(radii, weights, smallest_um, particle)
+    else:
+        inversion = _BY_SPHERES[method](radii, weights, edges_um)
     grid = inversion.edges
     edges = grid if edges_um is None else edges_um
 
@@ -128,13 +131,7 @@ def _density(values: np.ndarray, edges: np.ndarray) -> np.ndarray:
     return values / (values @ np.diff(edges))
 
 
-def _none(
-    radii: np.ndarray,
-    weights: np.ndarray,
-    edges_um: np.ndarray | None,
-    smallest_um: float,
-    particle: Particle,
-) -> _Inversion:
+def _none(radii: np.ndarray, weights: np.ndarray, edges_um: np.ndarray | None) -> _Inversion:
     edges = _Sieve(radii, weights).edges if edges_um is None else edges_um
     return _Inversion(edges, _histogram(radii, weights, edges), lambda w: _histogram(radii, w, edges), np.nan)
 
@@ -143,8 +140,6 @@ def _paper(
     radii: np.ndarray,
     weights: np.ndarray,
     edges_um: np.ndarray | None,
-    smallest_um: float,
-    particle: Particle,
     bins: int = 40,
 ) -> _Inversion:
     """The paper's inversion; it leaves the number of bins and the penalty's weight open (here: 40, GCV)."""
@@ -169,13 +164,7 @@ def _paper(
     return _Inversion(edges, solve(weights), solve, float(penalty))
 
 
-def _tikhonov(
-    radii: np.ndarray,
-    weights: np.ndarray,
-    edges_um: np.ndarray | None,
-    smallest_um: float,
-    particle: Particle,
-) -> _Inversion:
+def _tikhonov(radii: np.ndarray, weights: np.ndarray, edges_um: np.ndarray | None) -> _Inversion:
     """NNLS on the exact kernel with a second-difference penalty, its weight by five-fold cross-validation.
 
     The score is the squared distance of section distribution functions: closer to what the result is used for
@@ -211,13 +200,7 @@ def _tikhonov(
     return _Inversion(edges, again(weights), again, float(penalty))
 
 
-def _adaptive(
-    radii: np.ndarray,
-    weights: np.ndarray,
-    edges_um: np.ndarray | None,
-    smallest_um: float,
-    particle: Particle,
-) -> _Inversion:
+def _adaptive(radii: np.ndarray, weights: np.ndarray, smallest_um: float, particle: Particle) -> _Inversion:
     """Mixtures of gamma densities by maximum likelihood, averaged over their number.
 
     A roughness penalty has one width for all sizes: wide enough for the few small sections, it smears a
@@ -406,7 +389,7 @@ def _section_edges(grid: np.ndarray, radii: np.ndarray) -> np.ndarray:
     return np.unique(np.where(moves, np.sqrt(values[above - 1] * values[above]), grid))
 
 
-_INVERSIONS = {"adaptive": _adaptive, "tikhonov": _tikhonov, "paper": _paper, "none": _none}
+_BY_SPHERES = {"tikhonov": _tikhonov, "paper": _paper, "none": _none}
 
 
 def unfold_table(table: pd.DataFrame, **options) -> SizeDistribution | None:
