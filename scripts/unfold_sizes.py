@@ -11,17 +11,18 @@ with stage(snakemake) as progress:
     summary = io.read_json(snakemake.input.summary)
     library = grains.Library.load(snakemake.input.library)
     names, options = summary["phases"], dict(snakemake.params.settings["stereology"])
-    by_shapes = {"auto": summary["outlined"], "grains": True, "spheres": False}[options.pop("particles")]
+    shapes = grains.own_shapes(options["method"], options.pop("particles"), summary["outlined"])
     rng = random.generator(**snakemake.params.stream, chapter="stereology")
     samples = {(n, "grain"): sections[sections.phase == n] for n in range(1, len(names))}
     samples[0, "pore"] = pores
+    progress.say(shapes["reason"])
     dists = {}
     for (phase, kind), table in samples.items():
         # A pore circle is no section of a body of its size: what pores are left out says little of circles.
         smallest, particle = 0.0, stereology.SPHERE
         if kind == "grain":
             smallest = summary["smallest_grain_um"]
-            if by_shapes:
+            if shapes["on"]:
                 particle = grains.random_profiles(library.meshes(phase))
         found = stereology.unfold_table(table, smallest_um=smallest, particle=particle, rng=rng, **options)
         if found is None and kind == "grain":

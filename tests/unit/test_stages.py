@@ -932,15 +932,15 @@ def test_plan_gives_reason_and_cost_or_saving_of_every_effect():
     scaling = {"applied": True, "forced": False, "reason": "positions scaled", "wall_s": 4.0, "passes": 4}
     cement = {**packing.decide("off", False, "no need"), "wall_s": 0.0}
     cement["compaction"] = {**packing.decide("auto", False, "there are no rims"), "wall_s": 0.0}
-    found = packing.effects_plan(
-        scene(), first, plan, {**second, "largest": 6.5, "voids": None}, scaling, cement
-    )
+    second = {**second, "largest": 6.5, "voids": None}
+    shapes = {"on": False, "forced": False, "reason": "a distance map parts the grains"}
+    found = packing.effects_plan(shapes, scene(), first, plan, second, scaling, cement)
     assert all(effect["reason"] for effect in found.values())
     optional = (
         "decomposition refinement weight_limit phase_mixing virtual_spheres densification placement "
         "position_scaling"
     )
-    assert {*optional.split(), "compaction", "cement"} <= set(found)
+    assert {*optional.split(), "own_shapes", "compaction", "cement"} <= set(found)
     for effect in found.values():
         assert effect["saved_s"] is None or not effect["on"]
         assert effect["cost_s"] is None or effect["on"]

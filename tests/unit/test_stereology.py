@@ -12,7 +12,7 @@ from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 
 from grainfall.errors import InputError
-from grainfall.grains import random_profiles, sphere
+from grainfall.grains import own_shapes, random_profiles, sphere
 from grainfall.morphology.split import smallest_radius
 from grainfall.stereology import (
     METHODS,
@@ -140,6 +140,24 @@ def test_profiles_of_one_plane_count_apart_and_holes_do_not():
         np.concatenate([faces, faces[:, ::-1] + len(vertices)]),
     )
     assert random_profiles([hollow] * 40, planes=64).mean == pytest.approx(np.pi / 4, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("method", "particles", "outlined", "on", "words"),
+    [
+        ("adaptive", "auto", True, True, "own shapes: the section came with its grains outlined"),
+        ("adaptive", "auto", False, False, "of spheres: a distance map parts the grains"),
+        ("adaptive", "grains", False, True, "own shapes: the config says so, where a distance map"),
+        ("adaptive", "spheres", True, False, "of spheres: the config says so, where the section came"),
+        ("tikhonov", "grains", True, False, "of spheres: the rule tikhonov knows no other shape"),
+    ],
+)
+def test_grains_are_unfolded_by_their_own_shapes_where_those_are_known(
+    method, particles, outlined, on, words
+):
+    found = own_shapes(method, particles, outlined)
+    assert (found["on"], found["forced"]) == (on, particles != "auto")
+    assert words in found["reason"]
 
 
 @pytest.mark.parametrize("axes", [(1, 1, 0.4), (2, 1, 1)])

@@ -123,6 +123,7 @@ def test_porosity_meets_the_target_where_scaling_was_applied(finished):
 def test_plan_says_why(finished):
     plan = json.loads((twin(finished) / "plan.json").read_text())
     optional = {
+        "own_shapes",
         "virtual_spheres",
         "void_shapes",
         "densification",

@@ -44,6 +44,7 @@ FIGURES = [
 
 rule plan:
     input:
+        summary=f"{SAMPLE}/section.json",
         scene=f"{VARIANT}/scene.json",
         first=f"{TWIN}/first/packing.json",
         deficit=f"{TWIN}/deficit.json",
@@ -63,7 +64,8 @@ rule plan:
         runtime=runtime(5),
     params:
         asked=ASKED,
-        science=science("packing"),
+        settings=settings("stereology.method", "stereology.particles"),
+        science=science("packing", "grains"),
     script:
         "../../scripts/plan.py"
 

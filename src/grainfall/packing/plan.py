@@ -39,6 +39,7 @@ def decide(switch: str, called_for: bool, reason: str, possible: bool = True) ->
 
 
 def effects_plan(
+    shapes: Mapping,
     scene: Mapping,
     first: Mapping,
     deficit: Mapping,
@@ -50,6 +51,8 @@ def effects_plan(
 
     Parameters
     ----------
+    shapes : mapping
+        As :func:`grainfall.grains.own_shapes` gives it.
     scene : mapping
         As :func:`plan_scene` gives it.
     first, second : mapping
@@ -79,6 +82,7 @@ def effects_plan(
     lubricated = [one for one in passes if between is None and (one["lubrication"] < 1 or one["taps"])]
     spheres = [one for one in passes if one not in lubricated]
     return {
+        "own_shapes": _entry(shapes),
         "gravity_packing": _entry(
             {"on": True, "forced": False},
             f"{first['poured']} grains poured by {first['engine']}, {first['steps']} steps",
