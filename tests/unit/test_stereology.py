@@ -150,6 +150,7 @@ def test_profiles_of_one_plane_count_apart_and_holes_do_not():
         ("adaptive", "grains", False, True, "own shapes: the config says so, where a distance map"),
         ("adaptive", "spheres", True, False, "of spheres: the config says so, where the section came"),
         ("tikhonov", "grains", True, False, "of spheres: the rule tikhonov knows no other shape"),
+        ("none", "auto", True, False, "not unfolded: the rule none takes profiles for grains"),
     ],
 )
 def test_grains_are_unfolded_by_their_own_shapes_where_those_are_known(

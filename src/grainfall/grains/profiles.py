@@ -38,8 +38,10 @@ def own_shapes(method: str, particles: str, outlined: bool) -> dict:
         why = f"the rule {method} knows no other shape"
     elif forced:
         why = f"the config says so, where {why}"
-    taken = "by what planes cut from the grains' own shapes" if on else "as those of spheres"
-    return {"on": on, "forced": forced, "reason": f"sizes were unfolded {taken}: {why}"}
+    how = "unfolded by what planes cut from the grains' own shapes" if on else "unfolded as those of spheres"
+    if method == "none":
+        how, why = "not unfolded", "the rule none takes profiles for grains"
+    return {"on": on, "forced": forced, "reason": f"sizes were {how}: {why}"}
 
 
 def random_profiles(
