@@ -2,13 +2,13 @@
 
 from _stage import stage
 
-from grainfall import grains, io, packing
+from grainfall import io, packing, stereology
 
 with stage(snakemake):
     names = ("scene", "first", "deficit", "second", "correction", "cement")
     reports = [io.read_json(snakemake.input[name]) for name in names]
     outlined = io.read_json(snakemake.input.summary)["outlined"]
-    shapes = grains.own_shapes(**snakemake.params.settings["stereology"], outlined=outlined)
+    shapes = stereology.own_shapes(**snakemake.params.settings["stereology"], outlined=outlined)
     plan = packing.effects_plan(shapes, *reports)
     if asked := snakemake.params.asked:
         reason = f"{asked['metric']} within {asked['tolerance']:g} asked for: {asked['words']}"

@@ -11,7 +11,7 @@ with stage(snakemake) as progress:
     summary = io.read_json(snakemake.input.summary)
     library = grains.Library.load(snakemake.input.library)
     names, options = summary["phases"], dict(snakemake.params.settings["stereology"])
-    shapes = grains.own_shapes(options["method"], options.pop("particles"), summary["outlined"])
+    shapes = stereology.own_shapes(options["method"], options.pop("particles"), summary["outlined"])
     rng = random.generator(**snakemake.params.stream, chapter="stereology")
     samples = {(n, "grain"): sections[sections.phase == n] for n in range(1, len(names))}
     samples[0, "pore"] = pores

@@ -12,7 +12,7 @@ from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 
 from grainfall.errors import InputError
-from grainfall.grains import own_shapes, random_profiles, sphere
+from grainfall.grains import random_profiles, sphere
 from grainfall.morphology.split import smallest_radius
 from grainfall.stereology import (
     METHODS,
@@ -21,6 +21,7 @@ from grainfall.stereology import (
     draw_radii,
     from_table,
     midpoint_kernel,
+    own_shapes,
     rebin,
     section_kernel,
     to_table,

@@ -65,7 +65,7 @@ rule plan:
     params:
         asked=ASKED,
         settings=settings("stereology.method", "stereology.particles"),
-        science=science("packing", "grains"),
+        science=science("packing", "stereology"),
     script:
         "../../scripts/plan.py"
 

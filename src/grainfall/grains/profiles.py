@@ -12,38 +12,6 @@ from grainfall.stereology import Profiles
 _GOLDEN = (1 + 5**0.5) / 2
 
 
-def own_shapes(method: str, particles: str, outlined: bool) -> dict:
-    """Whether sizes are unfolded by the grains' own shapes, or as if they were spheres.
-
-    Parameters
-    ----------
-    method : str
-        Rule of the inversion, as in :func:`grainfall.stereology.unfold`: but for ``adaptive`` all take
-        grains for spheres.
-    particles : {"auto", "grains", "spheres"}
-        What the config says.
-    outlined : bool
-        Whether the section came with its grains outlined. Where a distance map has to part them, what it
-        leaves joined makes profiles larger and more ragged, and own shapes would add to that.
-
-    Returns
-    -------
-    dict
-        on, forced, reason.
-    """
-    forced = particles != "auto"
-    on = method == "adaptive" and (particles == "grains" if forced else outlined)
-    why = "the section came with its grains outlined" if outlined else "a distance map parts the grains"
-    if method != "adaptive":
-        why = f"the rule {method} knows no other shape"
-    elif forced:
-        why = f"the config says so, where {why}"
-    how = "unfolded by what planes cut from the grains' own shapes" if on else "unfolded as those of spheres"
-    if method == "none":
-        how, why = "not unfolded", "the rule none takes profiles for grains"
-    return {"on": on, "forced": forced, "reason": f"sizes were {how}: {why}"}
-
-
 def random_profiles(
     meshes: Iterable[tuple[np.ndarray, np.ndarray]], directions: int = 32, planes: int = 8
 ) -> Profiles:

@@ -52,7 +52,7 @@ def effects_plan(
     Parameters
     ----------
     shapes : mapping
-        As :func:`grainfall.grains.own_shapes` gives it.
+        As :func:`grainfall.stereology.own_shapes` gives it.
     scene : mapping
         As :func:`plan_scene` gives it.
     first, second : mapping

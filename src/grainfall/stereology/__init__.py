@@ -23,6 +23,7 @@ from grainfall.stereology.kernel import (
     Particle,
     Profiles,
     midpoint_kernel,
+    own_shapes,
     section_kernel,
 )
 
@@ -36,6 +37,7 @@ __all__ = [
     "draw_radii",
     "from_table",
     "midpoint_kernel",
+    "own_shapes",
     "rebin",
     "section_kernel",
     "to_table",
