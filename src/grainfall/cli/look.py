@@ -170,7 +170,7 @@ def _unfolded(
 ) -> stereology.SizeDistribution | None:
     """Sizes in space of a mineral's grains; where outlined, by what planes cut from a few of their shapes."""
     table, particle = found.grains[found.grains.phase == phase], stereology.SPHERE
-    if outlined:
+    if stereology.own_shapes(method, "auto", outlined)["on"]:
         # Where no mask makes a grain the study will say so; a sphere does to look.
         with contextlib.suppress(InputError):
             rng = random.generator(0, "new", 0, "grains")

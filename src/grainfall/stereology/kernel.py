@@ -84,8 +84,7 @@ def own_shapes(method: str, particles: str, outlined: bool) -> dict:
     Parameters
     ----------
     method : str
-        Rule of the inversion, as in :func:`unfold`: but for ``adaptive`` all take
-        grains for spheres.
+        Rule of the inversion, as in :func:`unfold`: but for ``adaptive`` all take grains for spheres.
     particles : {"auto", "grains", "spheres"}
         What the config says.
     outlined : bool
