@@ -222,6 +222,12 @@ def test_a_published_volume_is_fetched_checked_and_cut(tmp_path, published, how)
     phase, attributes = read_volume(folder / "results/cut/section.zarr.zip")
     assert attributes["voxel_size_um"] == 5.0
     assert (phase == (volume[:, 7] > 0)).all()
+    if how == "path":
+        # the case holds such a section against slices of its volume, too
+        test = "results/cut/reference_envelope.json"
+        done = snakemake(folder, "--", test)
+        assert done.returncode == 0, done.stdout[-4000:]
+        assert read_json(folder / test)["n_volumes"] == 1
     # from now on it matters neither where it came from nor whether that can be reached
     elsewhere = shutil.copy(path, tmp_path / "elsewhere.zip")
     for source in ("http://127.0.0.1:9/rock.zip", str(elsewhere)):

@@ -646,7 +646,7 @@ def references_of_case(wildcards):
 def volumes_of_truth(wildcards):
     """All that is known in 3D of the rock of a section."""
     if wildcards.sample in SLICES:
-        return sliced_volume(wildcards)
+        return [sliced_volume(wildcards)]
     return [f"results/{wildcards.sample}/reference.zarr.zip", *cubes_of(wildcards)]
 
 
