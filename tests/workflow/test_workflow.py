@@ -390,7 +390,8 @@ def test_a_section_is_read_again_for_what_it_was_read_by_only(tmp_path):
     image = np.kron(np.random.default_rng(1).random((30, 30)) < 0.6, np.ones((8, 8)))
     write_config(tmp_path, {**TINY, "samples": {"rock": row}})
     skimage.io.imsave(tmp_path / "rock.png", (255 * image).astype(np.uint8), check_contrast=False)
-    np.save(tmp_path / "volume.npy", np.zeros((40, 40, 40), np.uint8))
+    volume = (np.random.default_rng(2).random((40, 40, 40)) < 0.6).astype(np.uint8)
+    np.save(tmp_path / "volume.npy", volume)
     section = "results/rock/section.zarr.zip"
     done = snakemake(tmp_path, "--", section)
     assert done.returncode == 0, done.stdout[-3000:]
@@ -402,6 +403,12 @@ def test_a_section_is_read_again_for_what_it_was_read_by_only(tmp_path):
     ):
         write_config(tmp_path, {**TINY, **over})
         assert planned(tmp_path, "--", section) == again
+    # what judges it is measured as it was given
+    write_config(tmp_path, {**TINY, "samples": {"rock": judged}})
+    done = snakemake(tmp_path, "--", "results/rock/reference_s2.csv")
+    assert done.returncode == 0, done.stdout[-3000:]
+    measured = io.read_table(tmp_path / "results/rock/reference_s2.csv")
+    assert measured["s2"][0] == pytest.approx(volume.mean())
 
 
 def test_voxels_may_be_finer_than_the_pixels_of_the_section(finished, tmp_path):
