@@ -628,7 +628,7 @@ def test_bad_image_is_one_line_and_loses_nothing(tmp_path):
     assert not (folder / "results/a/section.zarr.zip").exists()
 
 
-@pytest.mark.parametrize("flag", ["--dag", "--rulegraph", "--lint", "--summary"])
+@pytest.mark.parametrize("flag", ["--dag", "--rulegraph", "--summary"])
 def test_the_tools_of_a_snakemake_user(finished, flag):
     done = snakemake(finished, flag)
     assert done.returncode == 0, done.stdout[-3000:]
