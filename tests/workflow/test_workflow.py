@@ -416,7 +416,9 @@ def test_voxels_may_be_finer_than_the_pixels_of_the_section(finished, tmp_path):
     folder = shutil.copytree(finished, tmp_path / "run")
     short = {"realizations": 1, "correlation": {"chunks": 1}, "contacts": {"resettled": 0}}
     write_config(folder, changed(scene={"voxel_size_um": 1.25}, **short), "fine.yaml")
-    wanted = [f"results/tiny/full/0/{name}" for name in ("grains2d.csv", "s2_slices.csv")]
+    wanted = [
+        f"results/tiny/full/{name}" for name in ("0/grains2d.csv", "0/s2_slices.csv", "s2_envelope.json")
+    ]
     done = snakemake(folder, "--", *wanted, config="fine.yaml")
     assert done.returncode == 0, done.stdout[-3000:]
     before, after = (io.read_table(run / "results/tiny/full/0/grains2d.csv") for run in (finished, folder))
