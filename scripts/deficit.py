@@ -24,8 +24,14 @@ with stage(snakemake) as progress:
         ),
         **settings["morphology"],
     )
+    library = grains.Library.load(files.library)
+    voids, particle = int((library.table["phase"] == grains.VOID).sum()), stereology.SPHERE
+    if settings["effects"]["void_shapes"] != "off":
+        particle = volume.void_circles(
+            library, **{name: settings["morphology"][name] for name in ("pore_persistence", "min_radius_px")}
+        )
     target, first = (
-        stereology.unfold_table(table, method=settings["stereology"]["method"], bootstrap=0)
+        stereology.unfold_table(table, method=settings["stereology"]["method"], particle=particle)
         for table in (section_pores, pores)
     )
     between = io.read_json(files.section_intergranular)
@@ -49,7 +55,7 @@ with stage(snakemake) as progress:
         ),
         porosity,
         sum(p * v for p, v in zip(scene["probabilities"], scene["mean_volumes_um3"], strict=True)),
-        voids=int((grains.Library.load(files.library).table["phase"] == grains.VOID).sum()),
+        voids=voids,
         between=morphology.Intergranular(**between) if between else None,
         switch=settings["effects"]["virtual_spheres"],
         cement=settings["effects"]["cement"],

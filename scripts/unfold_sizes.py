@@ -2,7 +2,7 @@
 
 from _stage import stage
 
-from grainfall import grains, io, random, stereology
+from grainfall import grains, io, random, stereology, volume
 from grainfall.errors import InputError
 
 with stage(snakemake) as progress:
@@ -24,6 +24,8 @@ with stage(snakemake) as progress:
             smallest = summary["smallest_grain_um"]
             if shapes["on"]:
                 particle = grains.random_profiles(library.meshes(phase))
+        else:
+            particle = volume.void_circles(library, **snakemake.params.settings["morphology"])
         found = stereology.unfold_table(table, smallest_um=smallest, particle=particle, rng=rng, **options)
         if found is None and kind == "grain":
             raise InputError(

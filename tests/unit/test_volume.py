@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from skimage import measure
 
-from grainfall import io, packing, volume
+from grainfall import io, packing, stereology, volume
 from grainfall.errors import InputError
+from grainfall.grains import VOID
 from grainfall.volume import coarsen, measures, read_pore_space
 
 
@@ -508,6 +509,52 @@ def test_void_width_is_told_by_whole_voids_alone():
 def test_void_width_without_a_grain_is_finite():
     bodies, library = cavity(12.0, 10.0)
     assert np.isfinite(volume.void_width(bodies.iloc[:1], library, (120, 120, 120), 0.5))
+
+
+PORES = {"pore_persistence": 0.1, "min_radius_px": 2.0}
+
+
+def voids_of(mesh, number):
+    library = library_of(*[mesh] * number)
+    library.table = pd.DataFrame({"shape": range(number), "phase": VOID})
+    return library
+
+
+def circles_of_spheroids(c, n, rng):
+    """Circles that random planes show of spheroids (1, 1, c), c <= 1, of volume 4 pi / 3, by formula.
+
+    A plane across the direction of cosine t to the axis meets it up to h = sqrt(a^2 (1 - t^2) + (a c)^2 t^2)
+    from its centre, there in an ellipse of minor half-axis a^2 c / h, and in proportion to h; the minor axis
+    shrinks as sqrt(1 - (d / h)^2) with the distance d. They are over what the planes nearer than 1 show of a
+    ball, a disc each: pi / 2 in all.
+    """
+    a = c ** (-1 / 3)
+    t = rng.random(n)
+    h = a * np.sqrt(1 - t**2 + (c * t) ** 2)
+    d = rng.random(n) * h.max()
+    circle, near = a * a * c / h * np.sqrt(np.maximum(0, 1 - (d / h) ** 2)), d < 1
+    return circle[d < h] / (2 * h.max() * circle[near].sum() / n / (np.pi / 2))
+
+
+@pytest.mark.parametrize("c", [1.0, 0.5])
+def test_circles_of_voids_are_those_that_planes_cut(c):
+    """Voids of one uneven shape are unfolded to the sizes they have; as spheres they are not."""
+    rng = np.random.default_rng(12)
+    mesh = trimesh.creation.icosphere(4)
+    mesh.vertices *= (1, 1, c)
+    own, circles = volume.void_circles(voids_of(mesh, 24), **PORES), circles_of_spheroids(c, 200_000, rng)
+    for share in (0.1, 0.5, 0.9):
+        assert own.exceeded(share) == pytest.approx(np.quantile(circles, 1 - share), abs=0.02)
+    seen = 20 * rng.choice(circles, 4000)
+    assert stereology.unfold(seen, particle=own).mean() == pytest.approx(20, rel=0.02)
+    assert (stereology.unfold(seen).mean() < 0.95 * 20) == (c < 1)
+
+
+def test_without_shapes_of_voids_pores_are_unfolded_as_spheres():
+    library = voids_of(trimesh.creation.icosphere(2), 1)
+    assert volume.void_circles(library, **PORES | {"min_radius_px": 30}) is stereology.SPHERE  # none is shown
+    library.table["phase"] = 1
+    assert volume.void_circles(library, **PORES) is stereology.SPHERE
 
 
 def test_a_bed_between_its_voids_is_the_bed_without_them():

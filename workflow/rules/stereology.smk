@@ -21,7 +21,9 @@ rule unfold_sizes:
         runtime=runtime(30),
     params:
         stream=stream,
-        settings=settings("stereology"),
-        science=science("stereology", "grains"),
+        settings=settings(
+            "stereology", "morphology.pore_persistence", "morphology.min_radius_px"
+        ),
+        science=science("stereology", "grains", "volume.voids"),
     script:
         "../../scripts/unfold_sizes.py"

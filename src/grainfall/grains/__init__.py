@@ -3,7 +3,7 @@
 from grainfall.grains.contours import Unusable
 from grainfall.grains.export import export_bodies, export_lammps, export_shape
 from grainfall.grains.library import SPHERE, Library, build_library, cut, sphere
-from grainfall.grains.profiles import random_profiles
+from grainfall.grains.profiles import random_profiles, spread_planes
 from grainfall.grains.shape import Grain, grain_from_contours, grain_from_masks, mass_properties, unit_contour
 from grainfall.grains.voids import VOID, void_shapes
 
@@ -23,6 +23,7 @@ __all__ = [
     "mass_properties",
     "random_profiles",
     "sphere",
+    "spread_planes",
     "unit_contour",
     "void_shapes",
 ]

@@ -38,16 +38,28 @@ def random_profiles(
     """
     found = []
     for n, (vertices, faces) in enumerate(meshes):
-        # Every shape has its own planes, so that what one set of them misses evens out.
-        height = (np.arange(directions) + (0.5 + n * 3**0.5) % 1.0) / directions
-        place = n * directions + np.arange(directions)
-        flat, angle, shift = np.sqrt(1.0 - height**2), 2 * np.pi * _GOLDEN * place, (2**0.5 * place) % 1.0
-        normals = np.column_stack([flat * np.cos(angle), flat * np.sin(angle), height])
+        normals, shift = spread_planes(n, directions)
         vertices = np.ascontiguousarray(vertices, dtype=np.float64)
         found.append(_cuts(vertices, *_edges(faces), normals, shift, planes))
     areas, widths = (np.concatenate(part) for part in zip(*found, strict=True))
     order = np.argsort(areas, kind="stable")
     return Profiles(np.sqrt(areas[order] / np.pi), widths[order] / widths.sum())
+
+
+def spread_planes(n: int, directions: int) -> tuple[np.ndarray, np.ndarray]:
+    """Planes for the n-th shape, its own, so that what one set of them misses evens out.
+
+    Returns
+    -------
+    normals : (directions, 3) ndarray
+        Spread evenly over a hemisphere.
+    shift : (directions,) ndarray
+        In [0, 1): where parallel planes lie, in steps from one to the next.
+    """
+    height = (np.arange(directions) + (0.5 + n * 3**0.5) % 1.0) / directions
+    place = n * directions + np.arange(directions)
+    flat, angle, shift = np.sqrt(1.0 - height**2), 2 * np.pi * _GOLDEN * place, (2**0.5 * place) % 1.0
+    return np.column_stack([flat * np.cos(angle), flat * np.sin(angle), height]), shift
 
 
 def _edges(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:

@@ -47,7 +47,8 @@ def unfold(
         ``adaptive`` only; the others take what is missing for absent.
     particle : Particle
         Shape of the particles, a sphere by default; :func:`grainfall.grains.random_profiles` makes one from
-        meshes. Heeded by ``adaptive`` only; the others take all for spheres.
+        meshes of grains, :func:`grainfall.volume.void_circles` from those of voids. Heeded by ``adaptive``
+        only; the others take all for spheres.
     bootstrap : int
         Resamples of the sections behind the 95 % band. ``adaptive`` weighs its numbers of components anew for
         each of them, the other methods hold their regularisation.

@@ -12,7 +12,8 @@ class Particle(Protocol):
     """What a kernel asks of the shape that all particles share, whatever their size.
 
     Let S(u) be the chance that a profile of a particle of radius 1 has a radius beyond u. Radii are of equal
-    measure: sqrt(area / pi) of a profile, (3 volume / (4 pi))**(1/3) of a particle.
+    measure: sqrt(area / pi) of a profile, (3 volume / (4 pi))**(1/3) of a particle. Of pores they are those
+    of circles in the profiles, and of the void that shows such.
     """
 
     def primitive(self, radius: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -39,12 +40,12 @@ SPHERE: Particle = _Sphere()
 
 @dataclass(frozen=True)
 class Profiles:
-    """Profiles in which random planes cut a particle of equal-volume radius 1, in place of a sphere's.
+    """Profiles in which random planes cut a particle of radius 1, in place of a sphere's.
 
     Attributes
     ----------
     radii : (n,) ndarray
-        Equivalent radii sqrt(area / pi), increasing, > 0.
+        Of the profiles, measured as :class:`Particle` says; increasing, > 0.
     weights : (n,) ndarray
         Chance of each; they sum to 1.
     """

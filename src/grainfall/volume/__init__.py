@@ -8,7 +8,7 @@ from grainfall.volume.export import export_metaimage, export_raw, export_vti
 from grainfall.volume.finish import finish, make_room, size_factor, write_twin
 from grainfall.volume.measures import adjacent_pairs, describe, euler_number, porosity
 from grainfall.volume.scan import VIRTUAL, packed_porosity, porosity_about, voxelise, voxelise_slabs
-from grainfall.volume.voids import bed_between_voids, void_width
+from grainfall.volume.voids import bed_between_voids, void_circles, void_width
 
 __all__ = [
     "VIRTUAL",
@@ -34,6 +34,7 @@ __all__ = [
     "porosity_about",
     "read_pore_space",
     "size_factor",
+    "void_circles",
     "void_width",
     "voxelise",
     "voxelise_slabs",

@@ -1,4 +1,4 @@
-"""Voids among the grains of a bed: how wide virtual bodies leave them, how porous it is between."""
+"""Voids: the circles that planes show of them, how wide bodies leave them, how porous a bed is between."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ import edt
 import numpy as np
 import pandas as pd
 
-from grainfall.morphology import Intergranular, intergranular
+from grainfall.grains import VOID, Library, spread_planes
+from grainfall.morphology import Intergranular, inscribed_circles, intergranular, split_pores
 from grainfall.section import resample
+from grainfall.stereology import SPHERE, Particle, Profiles
 from grainfall.volume.scan import Meshes, voxelise
 
 EVERY = 2
@@ -17,6 +19,71 @@ EVERY = 2
 
 WINDOW = 2.5
 """Half the edge of what is looked at about a body, in radii of its sphere: circles reach no farther."""
+
+DRAWN_PX = 20
+"""Radius at which shapes are drawn for their circles, as voids have it on a section fine enough for grains."""
+
+TURNS = 8
+"""Ways in which each shape is turned; dozens of shapes make them hundreds."""
+
+
+def void_circles(library: Library, *, pore_persistence: float, min_radius_px: float) -> Particle:
+    """Circles that random planes show of a section's voids, by which those of its pores are unfolded.
+
+    Each shape is turned in several ways, drawn in voxels, and its planes go through the steps of a section:
+    an uneven void shows small circles near its rim and in its lobes more often than a sphere would, and as
+    spheres those would be bodies that are not there.
+
+    The void of radius 1 is the one of which :func:`void_width` is 1: over the planes that would meet a ball,
+    the largest circles of each add up to those of the ball.
+
+    Parameters
+    ----------
+    library : Library
+        With or without shapes of voids.
+    pore_persistence, min_radius_px : float
+        See :func:`grainfall.morphology.split_pores`.
+
+    Returns
+    -------
+    Particle
+        A sphere where the library has no shapes of voids.
+    """
+    found, largest, discs = [], 0.0, 0.0
+    for n, number in enumerate(library.table.loc[library.table["phase"] == VOID, "shape"]):
+        normals, shift = spread_planes(n, TURNS)
+        half = int(np.ceil(DRAWN_PX * np.linalg.norm(library.vertices[number], axis=1).max())) + EVERY
+        turned = pd.DataFrame(
+            {
+                "id": np.arange(TURNS),
+                "kind": "virtual",
+                "phase": VOID,
+                "shape": number,
+                "scale": float(DRAWN_PX),
+                "x": half * (2.0 * np.arange(TURNS) + 1),
+                "y": float(half),
+                "z": half + EVERY * shift,
+                "qw": 1 + normals[:, 2],  # turns the normal to z
+                "qx": normals[:, 1],
+                "qy": -normals[:, 0],
+                "qz": 0.0,
+            }
+        )
+        drawn, _ = voxelise(turned, library, (2 * half + EVERY, 2 * half, 2 * half * TURNS), 1.0)
+        for plane in range(0, len(drawn), EVERY):
+            disc = DRAWN_PX**2 - (plane + 0.5 - turned["z"].to_numpy()) ** 2
+            discs += np.sqrt(disc[disc > 0]).sum()
+            labels = split_pores(
+                np.uint8(drawn[plane] == 0), persistence=pore_persistence, min_radius_px=min_radius_px
+            )
+            circles = inscribed_circles(labels, 1.0)
+            found.append(circles["r_um"].to_numpy())
+            of = (circles["x_um"] // (2 * half)).astype(int)
+            largest += circles["r_um"][disc[of] > 0].groupby(of).max().sum()
+    if not largest:
+        return SPHERE
+    radii = np.sort(np.concatenate(found)) * discs / (largest * DRAWN_PX)
+    return Profiles(radii, np.full(len(radii), 1 / len(radii)))
 
 
 def void_width(
