@@ -21,7 +21,7 @@ WINDOW = 2.5
 """Half the edge of what is looked at about a body, in radii of its sphere: circles reach no farther."""
 
 DRAWN_PX = 20
-"""Radius at which shapes are drawn for their circles, as voids have it on a section fine enough for grains."""
+"""Radius at which shapes are drawn for their circles, as voids have it on a fine section."""
 
 TURNS = 8
 """Ways in which each shape is turned; dozens of shapes make them hundreds."""
