@@ -24,8 +24,10 @@ with stage(snakemake) as progress:
             smallest = summary["smallest_grain_um"]
             if shapes["on"]:
                 particle = grains.random_profiles(library.meshes(phase))
-        else:
+        elif options["method"] == "adaptive":
             particle = volume.void_circles(library, **snakemake.params.settings["morphology"])
+            by = "as those of spheres" if particle is stereology.SPHERE else "by what planes show of its voids"
+            progress.say(f"pore circles were unfolded {by}")
         found = stereology.unfold_table(table, smallest_um=smallest, particle=particle, rng=rng, **options)
         if found is None and kind == "grain":
             raise InputError(

@@ -46,9 +46,9 @@ def size_voids(
     """How large to pour bodies in the shapes of voids, for voids as wide as their spheres were to be.
 
     Grains touch such a body here and there and leave gaps between, so the void that it leaves is wider than a
-    sphere of its volume. The section's circles were unfolded as if voids were spheres: it is the circles on
-    sections that have to agree. They are found on a packing of bodies with the volumes of the spheres; bodies
-    are then poured smaller by the width found.
+    sphere of its volume. Radii are those of voids whose circles are as wide as a sphere's in the mean: it is
+    the circles on sections that have to agree. They are found on a packing of bodies with the volumes of the
+    spheres; bodies are then poured smaller by the width found.
 
     As many are poured as :func:`sphere_probability` says, with what grains and bodies together fill of that
     packing in place of what grains alone do. Beds of one share of bodies differ in how many of them the
