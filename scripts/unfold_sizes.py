@@ -26,7 +26,7 @@ with stage(snakemake) as progress:
                 particle = grains.random_profiles(library.meshes(phase))
         elif options["method"] == "adaptive":
             particle = volume.void_circles(library, **snakemake.params.settings["morphology"])
-            by = "as those of spheres" if particle is stereology.SPHERE else "by what planes show of its voids"
+            by = "as those of spheres" if particle is stereology.SPHERE else "by what voids show"
             progress.say(f"pore circles were unfolded {by}")
         found = stereology.unfold_table(table, smallest_um=smallest, particle=particle, rng=rng, **options)
         if found is None and kind == "grain":
