@@ -144,7 +144,8 @@ def test_plan_says_why(finished):
 
 
 def test_virtual_spheres_take_the_shapes_of_voids(finished, tmp_path):
-    """Or stay round, where told to: grains and first packing are the same to the byte either way."""
+    """Or stay round, where told to, and their sizes a sphere's: grains, first packing and its circles are the
+    same to the byte either way."""
     folder = shutil.copytree(finished, tmp_path / "round")
     write_config(folder, changed(realizations=1, effects={"void_shapes": "off"}), "round.yaml")
     wanted = [f"results/tiny/full/0/{name}" for name in ("bodies.csv", "plan.json")]
@@ -157,8 +158,9 @@ def test_virtual_spheres_take_the_shapes_of_voids(finished, tmp_path):
     pd.testing.assert_frame_equal(after[after.phase > 0], before)
     assert (after.phase[len(before) :] == 0).all()
     plain, shaped = twin(folder), twin(finished)
-    for name in ("first/bodies.csv", "virtual_spheres.csv"):
+    for name in ("first/bodies.csv", "first/pores2d.csv"):
         assert (shaped / name).read_bytes() == (plain / name).read_bytes()
+    assert (shaped / "virtual_spheres.csv").read_bytes() != (plain / "virtual_spheres.csv").read_bytes()
     poured = pd.read_csv(shaped / "second/bodies.csv")
     held = poured["shape"] >= len(before)
     assert held.any()
