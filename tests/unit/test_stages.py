@@ -209,6 +209,32 @@ def test_spheres_for_vugs_are_no_smaller_than_vugs():
 
 
 @pytest.mark.parametrize(
+    ("between", "radius", "alone"),
+    [
+        (0.30, 10.0, True),
+        (0.36, 10.0, True),
+        (0.37, 10.0, False),  # spheres have to loosen the grains, too
+        (0.30, 17.0, False),  # no pore is short that would be a void
+    ],
+)
+def test_where_grains_alone_are_loose_enough_spheres_hold_voids_only(between, radius, alone):
+    pores = stereology.SizeDistribution(
+        *(np.array(part, float) for part in ([4, 8, 16], *[[0.1, 0.075]] * 4)), "given", float("nan")
+    )
+    found = Intergranular(radius, 0.1, between, 0.003)
+    sizes, plan = packing.plan_deficit(
+        scene(), pores, equal(3.0), VUGS, APART, 0.35, 1e3, between=found, switch="auto", limit=0.01
+    )
+    assert plan["virtual_spheres"]["on"]
+    assert sizes.quantile(np.array([0.0]))[0] == pytest.approx(radius if alone else 4.0)
+    assert ("hold voids open only" in plan["virtual_spheres"]["reason"]) is alone
+    without, _ = packing.plan_deficit(
+        scene(), pores, equal(3.0), NO_TAIL, APART, 0.35, 1e3, between=found, switch="auto", limit=0.01
+    )
+    assert without.quantile(np.array([0.0]))[0] == pytest.approx(4.0)
+
+
+@pytest.mark.parametrize(
     ("first", "over", "on", "words"),
     [
         (0.35, {"tail": VUGS, "voids": 40}, True, "40 shapes of the section's voids were made"),

@@ -38,7 +38,8 @@ def plan_deficit(
     Spheres are called for by the porosity or by the large pores. Where the porosity calls for them, they have
     all the radii that the first packing is short of, as many as the porosity wants. Where only the large
     pores do (vugs in a dense rock), they have the radii of the tail alone and keep their share, and the
-    grains about them may have to be packed denser.
+    grains about them may have to be packed denser. Where the section has voids, and grains alone pour as
+    loose as those between, spheres have the radii of voids alone: none loosens what is loose enough.
 
     Where the section's grains have grown together, cement is to take the surface that a packing has beyond
     theirs, and the packings aim above the target by what it will fill; above what grains pour to only where
@@ -96,12 +97,25 @@ def plan_deficit(
     with_tail = tail.share + (1 - tail.share) * porosity_first
     for_tail = tail.exceeds and short <= limit
     radius = (3 * mean_grain_volume / (4 * np.pi)) ** (1 / 3)
-    sizes = virtual_sizes(
-        target,
-        first,
-        smallest_um=max(THROAT * radius, tail.first_um if for_tail else 0.0),
-        largest_um=WIDEST_SPHERE * scene["edge_um"],
-    )
+    # Rims fill pores between the voids, which have 1 - v = (1 - phi) / (1 - phi_between) of the region.
+    between_voids = None
+    if between is not None and tail.exceeds and not for_tail:
+        filled = (wanted - target_porosity) * (1 - between.porosity) / (1 - target_porosity)
+        between_voids = between.porosity + filled
+    limits = {
+        "smallest_um": max(THROAT * radius, tail.first_um if for_tail else 0.0),
+        "largest_um": WIDEST_SPHERE * scene["edge_um"],
+    }
+    sizes, alone = virtual_sizes(target, first, **limits), ""
+    if between_voids is not None and between_voids <= porosity_first + limit:
+        # Smaller spheres would loosen the grains there, and less friction would have to make up for it.
+        in_voids = virtual_sizes(target, first, **limits | {"smallest_um": between.radius_um})
+        if in_voids.called_for:
+            sizes = in_voids
+            alone = (
+                f"; grains alone pour as loose as those between the voids ({between_voids:.4f}), so "
+                "spheres are to hold voids open only"
+            )
     if short > limit:
         reason = f"the {aim} exceeds the first packing's {porosity_first:.4f}"
     elif short >= -limit:
@@ -109,7 +123,7 @@ def plan_deficit(
     else:
         reason = f"the {aim} is below the first packing's {porosity_first:.4f}"
     reason += f"; {tail.words}"
-    reason += f"; {sizes.reason}" if sizes.reason else ""
+    reason += alone + (f"; {sizes.reason}" if sizes.reason else "")
     spheres = decide(
         switch,
         (short > limit or for_tail) and sizes.called_for,
@@ -124,14 +138,12 @@ def plan_deficit(
         possible=spheres["on"] and voids > 0,
     )
     held = None
-    if between is not None and spheres["on"] and tail.exceeds and not for_tail:
-        # rims fill pores between the voids, which have 1 - v = (1 - phi) / (1 - phi_between) of the region
-        fill = (wanted - target_porosity) * (1 - between.porosity) / (1 - target_porosity)
+    if between_voids is not None and spheres["on"]:
         held = {
             "radius_um": between.radius_um,
             "porosity": between.porosity,
             "error": between.error,
-            "wanted": between.porosity + fill,
+            "wanted": between_voids,
         }
     return sizes, {
         "porosity_first": float(porosity_first),

@@ -123,7 +123,8 @@ def virtual_sizes(
         where no pore circle was found.
     smallest_um : float, optional
         Smallest radius that holds grains apart: a sphere below :data:`THROAT` mean grain radii slips between
-        three touching grains, sinks into pores that are there anyway, and comes in hordes.
+        three touching grains, sinks into pores that are there anyway, and comes in hordes. Larger where only
+        voids are to be held open.
     largest_um : float, optional
         Largest radius that a packing can hold, for example a quarter of the region of interest: a sphere
         wider than half of it would be the region, not a part of it. What lies outside these limits is left
@@ -153,7 +154,7 @@ def virtual_sizes(
         return VirtualSizes(edges, f_target, f_first, difference, 0 * used, False, reason)
     reasons = []
     for out, words in (
-        (edges[1:] <= (smallest_um or 0.0), f"below {smallest_um or 0:.4g} µm hold nothing open"),
+        (edges[1:] <= (smallest_um or 0.0), f"below {smallest_um or 0:.4g} µm have no place to hold open"),
         (edges[:-1] >= (largest_um or np.inf), f"above {largest_um or 0:.4g} µm do not fit"),
     ):
         lost = (used * width)[out].sum() / total
