@@ -26,13 +26,13 @@ with stage(snakemake) as progress:
     )
     library = grains.Library.load(files.library)
     voids, particle = int((library.table["phase"] == grains.VOID).sum()), stereology.SPHERE
-    if settings["effects"]["void_shapes"] != "off":
+    method = settings["stereology"]["method"]
+    if settings["effects"]["void_shapes"] != "off" and method == "adaptive":
         particle = volume.void_circles(
             library, **{name: settings["morphology"][name] for name in ("pore_persistence", "min_radius_px")}
         )
     target, first = (
-        stereology.unfold_table(table, method=settings["stereology"]["method"], particle=particle)
-        for table in (section_pores, pores)
+        stereology.unfold_table(table, method=method, particle=particle) for table in (section_pores, pores)
     )
     between = io.read_json(files.section_intergranular)
     surface = SolidSurface(**io.read_json(files.section_surface))

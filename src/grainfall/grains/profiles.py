@@ -49,6 +49,12 @@ def random_profiles(
 def spread_planes(n: int, directions: int) -> tuple[np.ndarray, np.ndarray]:
     """Planes for the n-th shape, its own, so that what one set of them misses evens out.
 
+    Parameters
+    ----------
+    n : int
+        Number of the shape.
+    directions : int
+
     Returns
     -------
     normals : (directions, 3) ndarray
