@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 import grainfall
 from grainfall.errors import InputError
 from grainfall.grains import Library
-from grainfall.packing import Box, Parameters, container, deposit, deposition, settle, shapes
+from grainfall.packing import Box, Parameters, container, deposit, shapes
 from grainfall.packing.bed import Bed, Frame
 from grainfall.packing.deposition import _Deposition
 from grainfall.packing.engine import Solid, start
@@ -67,33 +67,6 @@ def test_only_heavy_virtual_spheres_sink_the_slower_the_larger_they_are():
     falling = (2 * parameters.gravity * parameters.drop_height) ** 0.5
     assert [bed.drag(i) for i in range(3)] == [0, 0, 0]
     assert parameters.gravity / bed.drag(3) == pytest.approx(falling / 10)  # its terminal velocity
-
-
-@pytest.mark.parametrize("engine", ENGINES)
-def test_bodies_of_the_shape_of_a_void_keep_their_orientation(library, engine, monkeypatch):
-    monkeypatch.setattr(deposition, "random_quaternion", lambda rng: np.array([1.0, 0, 0, 0]))
-    box, population = container(200.0, 100.0, 0.5), supply(40, 8)
-    population["kind"] = np.where(np.arange(40) % 3, "grain", "virtual")
-    parameters = Parameters.named(engine=engine)
-    poured = deposit(population, library, box, parameters, np.random.default_rng(2))
-    shaken, _ = settle(poured, library, box, parameters, taps=1)
-    frames = shapes.collision_shapes(library, np.arange(8), parameters)
-    released = {s: shape.frame.inv() for s, shape in frames.items()}
-    for bodies in (poured, shaken):
-        lies = Rotation.from_quat(bodies[["qx", "qy", "qz", "qw"]])
-        turned = (lies * Rotation.concatenate([released[s] for s in bodies["shape"]]).inv()).magnitude()
-        voids = (bodies["kind"] == "virtual").to_numpy()
-        assert voids.any()
-        assert turned[voids].max() < 1e-3
-        assert np.median(turned[~voids]) > 0.1
-
-
-def test_virtual_spheres_roll():
-    """A sphere has no orientation to keep, and held it would carry what a ball lets go."""
-    bed = Bed({-1: unit_sphere()}, Parameters.named(), np.full(2, 100.0), Frame(50.0, 0.0))
-    upright = np.tile([1.0, 0, 0, 0], (2, 1))
-    bed.enter(["grain", "virtual"], [1, 1], [-1, -1], np.ones(2), np.zeros((2, 3)), upright)
-    assert [bed.solid(i).turns for i in range(2)] == [True, True]
 
 
 def test_heavy_bodies_weigh_what_the_least_of_them_does():

@@ -28,11 +28,6 @@ MARGIN = 1e-3
 """Thickness, engine units, of the layer that Bullet puts around a hull. Left in, hulls of the demo's grains
 rested 0.0017 mean radii apart, nearly the gap up to which two are in contact: one in twenty was lost."""
 
-STIFF = 1e12
-"""Times its mass with which a body that may not turn enters. It gets its own mass before the first step, but
-Bullet goes through that step with the moments of the mass that it entered with: a contact would set it
-spinning, and nothing could stop it any more."""
-
 
 class Bullet:
     """:class:`grainfall.packing.engine.Engine` on Bullet's sequential impulses.
@@ -89,8 +84,7 @@ class Bullet:
 
     def add(self, solid, position, quaternion, velocity=(0, 0, 0), spin=(0, 0, 0), fixed=False) -> None:
         shape = self._shape(solid)
-        mass = solid.mass if solid.turns else STIFF * solid.mass
-        body = self._body(shape, 0.0 if fixed else mass, position, quaternion)
+        body = self._body(shape, 0.0 if fixed else solid.mass, position, quaternion)
         self._bodies.append(body)
         self._shapes.append(shape)
         if fixed:
@@ -103,7 +97,7 @@ class Bullet:
             # Without it a contact of hulls forgets what it slid, and every bed creeps on. Between spheres,
             # whose contact rolls along, it would tie together what has moved on.
             frictionAnchor=int(bool(solid.parts)),
-            # moments of zero are endless ones to Bullet
+            # Bullet takes moments of zero for endless ones
             localInertiaDiagonal=[float(c) if solid.turns else 0.0 for c in solid.inertia],
             linearDamping=_per_second(self._parameters.linear_damping + solid.drag),
             angularDamping=_per_second(self._parameters.angular_damping),
