@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from grainfall.packing.engine import WALL, Contacts, Engine, Solid, start
 from grainfall.packing.parameters import Parameters
-from grainfall.packing.shapes import SPHERE, CollisionShape, collision_shapes
+from grainfall.packing.shapes import CollisionShape, collision_shapes
 
 COLUMNS = ["id", "kind", "phase", "shape", "scale", "x", "y", "z", "qw", "qx", "qy", "qz", "asleep"]
 
@@ -200,7 +200,6 @@ class Bed:
             inertia=self._inertia(i),
             scale=r,
             drag=self.drag(i),
-            turns=self.turns(i),
         )
 
     def _inertia(self, i: int) -> np.ndarray:
@@ -209,11 +208,6 @@ class Bed:
             return np.ones(3)
         r = self.radius[i]
         return self.density[i] * self.shapes[self.shape[i]].inertia * r**5 * self._share(r)
-
-    def turns(self, i: int) -> bool:
-        """Whether body ``i`` may turn: not one that has the shape of a void. It would come to lie flat, as a
-        grain does, and the rock's voids lie as they are."""
-        return self.kind[i] != "virtual" or self.shape[i] == SPHERE
 
     def drag(self, i: int) -> float:
         """Rate, 1/s, at which body ``i`` loses speed while bodies are poured: a heavy virtual sphere's."""

@@ -30,8 +30,6 @@ class Solid:
         What the vertices are multiplied by: bodies of one shape share its vertices.
     drag : float
         Rate, 1/s, at which its speed decays beside the parameters' ``linear_damping``.
-    turns : bool
-        Whether it may turn; otherwise it moves with the orientation that it has.
     """
 
     parts: tuple[np.ndarray, ...]
@@ -40,7 +38,6 @@ class Solid:
     inertia: np.ndarray
     scale: float = 1.0
     drag: float = 0.0
-    turns: bool = True
 
 
 @dataclass(frozen=True)

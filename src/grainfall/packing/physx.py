@@ -99,7 +99,6 @@ class PhysX:
             body.set_linear_damping(self._parameters.linear_damping + solid.drag)
             body.set_angular_damping(self._parameters.angular_damping)
             body.set_max_depenetration_velocity(PARTING)
-            body.set_locked_motion_axes([False] * 3 + [not solid.turns] * 3)
         self._enter(body, position, quaternion)
         if not fixed:
             body.set_linear_velocity(np.asarray(velocity, np.float32))
