@@ -24,15 +24,12 @@ with stage(snakemake) as progress:
         ),
         **settings["morphology"],
     )
-    library = grains.Library.load(files.library)
-    voids, particle = int((library.table["phase"] == grains.VOID).sum()), stereology.SPHERE
-    method = settings["stereology"]["method"]
-    if settings["effects"]["void_shapes"] != "off" and method == "adaptive":
-        particle = volume.void_circles(
-            library, **{name: settings["morphology"][name] for name in ("pore_persistence", "min_radius_px")}
-        )
+    particle, shaped = stereology.SPHERE, settings["effects"]["void_shapes"]
+    if shaped != "off":
+        particle = stereology.particle_of(io.read_arrays(files.circles)["radii"])
     target, first = (
-        stereology.unfold_table(table, method=method, particle=particle) for table in (section_pores, pores)
+        stereology.unfold_table(table, **settings["stereology"], particle=particle)
+        for table in (section_pores, pores)
     )
     between = io.read_json(files.section_intergranular)
     surface = SolidSurface(**io.read_json(files.section_surface))
@@ -55,11 +52,11 @@ with stage(snakemake) as progress:
         ),
         porosity,
         sum(p * v for p, v in zip(scene["probabilities"], scene["mean_volumes_um3"], strict=True)),
-        voids=voids,
+        voids=int((grains.Library.load(files.library).table["phase"] == grains.VOID).sum()),
         between=morphology.Intergranular(**between) if between else None,
         switch=settings["effects"]["virtual_spheres"],
         cement=settings["effects"]["cement"],
-        void_shapes=settings["effects"]["void_shapes"],
+        void_shapes=shaped,
         limit=settings["feedback"]["limit"],
     )
     io.write_table(snakemake.output.pores, pores)

@@ -2,6 +2,8 @@
 
 from _stage import stage
 
+import numpy as np
+
 from grainfall import grains, io, random, stereology, volume
 from grainfall.errors import InputError
 
@@ -16,7 +18,7 @@ with stage(snakemake) as progress:
     samples = {(n, "grain"): sections[sections.phase == n] for n in range(1, len(names))}
     samples[0, "pore"] = pores
     progress.say(shapes["reason"])
-    dists = {}
+    dists, circles = {}, np.empty(0)
     for (phase, kind), table in samples.items():
         # A pore circle is no section of a body of its size: what pores are left out says little of circles.
         smallest, particle = 0.0, stereology.SPHERE
@@ -25,8 +27,9 @@ with stage(snakemake) as progress:
             if shapes["on"]:
                 particle = grains.random_profiles(library.meshes(phase))
         elif options["method"] == "adaptive":
-            particle = volume.void_circles(library, **snakemake.params.settings["morphology"])
-            by = "as those of spheres" if particle is stereology.SPHERE else "by what voids show"
+            circles = volume.void_circles(library, **snakemake.params.settings["morphology"])
+            particle = stereology.particle_of(circles)
+            by = "by what voids show" if len(circles) else "as those of spheres"
             progress.say(f"pore circles were unfolded {by}")
         found = stereology.unfold_table(table, smallest_um=smallest, particle=particle, rng=rng, **options)
         if found is None and kind == "grain":
@@ -43,3 +46,4 @@ with stage(snakemake) as progress:
             f"{dists[phase, kind].mean('f2d'):.2f} um in 2D, {dists[phase, kind].mean('f3d'):.2f} um in 3D"
         )
     io.write_table(snakemake.output.sizes, stereology.to_table(dists))
+    io.write_arrays(snakemake.output.circles, {"radii": circles})

@@ -59,6 +59,7 @@ rule deficit:
         scene=f"{VARIANT}/scene.json",
         library=ancient(f"{SAMPLE}/grains3d"),
         library_record=f"{SAMPLE}/logs/grain_library.json",
+        circles=f"{SAMPLE}/void_circles.npz",
         section_pores=f"{VARIANT}/section_pores2d.csv",
         section_surface=f"{VARIANT}/section_surface.json",
         section_intergranular=f"{VARIANT}/section_intergranular.json",

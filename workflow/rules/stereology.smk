@@ -10,6 +10,7 @@ rule unfold_sizes:
         library_record=f"{SAMPLE}/logs/grain_library.json",
     output:
         sizes=f"{SAMPLE}/sizes.csv",
+        circles=f"{SAMPLE}/void_circles.npz",
     log:
         f"{SAMPLE}/logs/unfold_sizes.log",
     benchmark:

@@ -24,6 +24,7 @@ from grainfall.stereology.kernel import (
     Profiles,
     midpoint_kernel,
     own_shapes,
+    particle_of,
     section_kernel,
 )
 
@@ -38,6 +39,7 @@ __all__ = [
     "from_table",
     "midpoint_kernel",
     "own_shapes",
+    "particle_of",
     "rebin",
     "section_kernel",
     "to_table",

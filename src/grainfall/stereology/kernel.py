@@ -79,6 +79,22 @@ class Profiles:
         return float(self.weights @ self.radii)
 
 
+def particle_of(radii: np.ndarray) -> Particle:
+    """The particle of radius 1 whose random planes show profiles of these radii, all as likely.
+
+    Parameters
+    ----------
+    radii : (n,) ndarray
+        Increasing, > 0.
+
+    Returns
+    -------
+    Particle
+        A sphere where there are none.
+    """
+    return Profiles(radii, np.full(len(radii), 1 / len(radii))) if len(radii) else SPHERE
+
+
 def own_shapes(method: str, particles: str, outlined: bool) -> dict:
     """Whether sizes are unfolded by the grains' own shapes, or as if they were spheres.
 

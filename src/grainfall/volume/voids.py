@@ -11,7 +11,6 @@ import pandas as pd
 from grainfall.grains import VOID, Library, spread_planes
 from grainfall.morphology import Intergranular, inscribed_circles, intergranular, split_pores
 from grainfall.section import resample
-from grainfall.stereology import SPHERE, Particle, Profiles
 from grainfall.volume.scan import Meshes, voxelise
 
 EVERY = 2
@@ -27,8 +26,8 @@ TURNS = 8
 """Ways in which each shape is turned; dozens of shapes make them hundreds."""
 
 
-def void_circles(library: Library, *, pore_persistence: float, min_radius_px: float) -> Particle:
-    """Circles that random planes show of a section's voids, by which those of its pores are unfolded.
+def void_circles(library: Library, *, pore_persistence: float, min_radius_px: float) -> np.ndarray:
+    """Radii of the circles that random planes show of a section's voids, by which those of its pores are unfolded.
 
     Each shape is turned in several ways, drawn in voxels, and its planes go through the steps of a section:
     an uneven void shows small circles near its rim and in its lobes more often than a sphere would, and as
@@ -46,8 +45,9 @@ def void_circles(library: Library, *, pore_persistence: float, min_radius_px: fl
 
     Returns
     -------
-    Particle
-        A sphere where the library has no shapes of voids.
+    (n,) ndarray
+        Of a void of radius 1, increasing, for :func:`~grainfall.stereology.particle_of`; empty where the
+        library has no shapes of voids, or their planes show none.
     """
     found, largest, discs = [], 0.0, 0.0
     for n, number in enumerate(library.table.loc[library.table["phase"] == VOID, "shape"]):
@@ -80,10 +80,7 @@ def void_circles(library: Library, *, pore_persistence: float, min_radius_px: fl
             found.append(circles["r_um"].to_numpy())
             of = (circles["x_um"] // (2 * half)).astype(int)
             largest += circles["r_um"][disc[of] > 0].groupby(of).max().sum()
-    if not largest:
-        return SPHERE
-    radii = np.sort(np.concatenate(found)) * discs / (largest * DRAWN_PX)
-    return Profiles(radii, np.full(len(radii), 1 / len(radii)))
+    return np.sort(np.concatenate(found)) * discs / (largest * DRAWN_PX) if largest else np.empty(0)
 
 
 def void_width(
