@@ -1,8 +1,7 @@
 """Wicksell inversion of the grain sizes of each mineral and of the pore circles."""
 
-from _stage import stage
-
 import numpy as np
+from _stage import stage
 
 from grainfall import grains, io, random, stereology, volume
 from grainfall.errors import InputError

@@ -27,7 +27,7 @@ TURNS = 8
 
 
 def void_circles(library: Library, *, pore_persistence: float, min_radius_px: float) -> np.ndarray:
-    """Radii of the circles that random planes show of a section's voids, by which those of its pores are unfolded.
+    """Circles that random planes show of a section's voids, by which those of its pores are unfolded.
 
     Each shape is turned in several ways, drawn in voxels, and its planes go through the steps of a section:
     an uneven void shows small circles near its rim and in its lobes more often than a sphere would, and as
@@ -46,8 +46,8 @@ def void_circles(library: Library, *, pore_persistence: float, min_radius_px: fl
     Returns
     -------
     (n,) ndarray
-        Of a void of radius 1, increasing, for :func:`~grainfall.stereology.particle_of`; empty where the
-        library has no shapes of voids, or their planes show none.
+        Their radii, of a void of radius 1, increasing, for :func:`~grainfall.stereology.particle_of`; empty
+        where the library has no shapes of voids, or their planes show none.
     """
     found, largest, discs = [], 0.0, 0.0
     for n, number in enumerate(library.table.loc[library.table["phase"] == VOID, "shape"]):
