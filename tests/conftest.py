@@ -1,6 +1,11 @@
 """Fixtures shared by all tests."""
 
+import os
 from pathlib import Path
+
+# Workers are as many as cores: threads of BLAS would wait for each other and be counted as work.
+for pool in ("OMP", "NUMBA", "OPENBLAS", "MKL"):
+    os.environ.setdefault(f"{pool}_NUM_THREADS", "1")
 
 import numpy as np
 import pytest
