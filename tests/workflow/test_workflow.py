@@ -190,24 +190,36 @@ def test_a_bed_settles_anew_where_it_lies_in_its_box_wherever_its_region_does(fi
     assert after["porosity_before"] != before["porosity_before"]
 
 
-def test_rock_too_dense_for_its_grains_is_cemented(finished, tmp_path):
-    """A target below any packing: met to a voxel, the minerals unchanged, the cement a phase of its own."""
-    folder = shutil.copytree(finished, tmp_path / "dense")
-    pressed, cemented, bare = [folder / f"results/tiny/{name}/0" for name in ("pressed", "cemented", "bare")]
+def dense(**effects):
+    """Variants too dense for their grains, by what they leave off of what is called for."""
+    off = {name: {"densification": "off", **over} for name, over in effects.items()}
+    return {name: {"scene": {"porosity": 0.12}, "effects": over} for name, over in off.items()}
 
-    def dense(**effects):
-        off = {name: {"densification": "off", **over} for name, over in effects.items()}
-        return {name: {"scene": {"porosity": 0.12}, "effects": over} for name, over in off.items()}
 
-    short = {"realizations": 1, "correlation": {"chunks": 1}, "contacts": {"resettled": 0}}
-    compared = dense(pressed={}, cemented={"compaction": "off"})
-    wanted = [twin / name for twin in (pressed, cemented) for name in ("metrics.csv", "plan.json")]
-    wanted += [cemented / "figures/block.svg", folder / "results/summary.csv"]
-    missing = [bare / name for name in ("flow.csv", "plan.json")]
-    for variants, files in ((compared, wanted), (dense(bare={"cement": False}), missing)):
-        write_config(folder, changed(variants=variants, **short), "dense.yaml")
-        done = snakemake(folder, "--", *(f.relative_to(folder) for f in files), config="dense.yaml")
+COMPARED = dense(pressed={}, cemented={"compaction": "off"})
+SHORT = {"realizations": 1, "correlation": {"chunks": 1}, "contacts": {"resettled": 0}}
+
+
+@pytest.fixture(scope="module")
+def consolidated(finished, tmp_path_factory):
+    """Beside the finished twins some of a rock that no packing is as dense as."""
+    folder = shutil.copytree(finished, tmp_path_factory.mktemp("dense") / "run")
+    twins = {name: f"results/tiny/{name}/0" for name in ("pressed", "cemented", "bare")}
+    wanted = [f"{twins[name]}/{file}" for name in COMPARED for file in ("metrics.csv", "plan.json")]
+    wanted += [f"{twins['cemented']}/figures/block.svg", "results/summary.csv"]
+    missing = [f"{twins['bare']}/{file}" for file in ("flow.csv", "plan.json")]
+    for variants, files in ((COMPARED, wanted), (dense(bare={"cement": False}), missing)):
+        write_config(folder, changed(variants=variants, **SHORT), "dense.yaml")
+        done = snakemake(folder, "--", *files, config="dense.yaml")
         assert done.returncode == 0, done.stdout[-6000:]
+    return folder
+
+
+@pytest.mark.xdist_group("dense")
+def test_rock_too_dense_for_its_grains_is_cemented(consolidated):
+    """A target below any packing: met to a voxel, the minerals unchanged, the cement a phase of its own."""
+    folder = consolidated
+    pressed, cemented, bare = [folder / f"results/tiny/{name}/0" for name in ("pressed", "cemented", "bare")]
     group = zarr.open_group(zarr.storage.ZipStore(cemented / "twin.zarr.zip", mode="r"), mode="r")
     phase = group["phase"][...]
     assert group.attrs["phases"] == ["pore", "quartz", "feldspar", "cement"]
@@ -245,7 +257,7 @@ def test_rock_too_dense_for_its_grains_is_cemented(finished, tmp_path):
     assert rougher["solid_surface_per_um"] > metrics["solid_surface_per_um"]
     assert rougher["cement_share"] < metrics["cement_share"]
     # the first variant is what others are compared with: in another order the table is another
-    write_config(folder, changed(variants=dict(reversed(compared.items())), **short), "dense.yaml")
+    write_config(folder, changed(variants=dict(reversed(COMPARED.items())), **SHORT), "dense.yaml")
     assert planned(folder, "--", "results/summary.csv", config="dense.yaml") == {"summary": 1}
 
 
@@ -373,7 +385,8 @@ def test_grains_are_taken_for_what_the_config_says(tmp_path):
 
     def means(particles, *names):
         """Mean radii in space of grains and pores, by sample."""
-        write_config(tmp_path, {**TINY, "samples": rows, "stereology": {"particles": particles}})
+        effects, how = {"void_shapes": "off"}, {"particles": particles}
+        write_config(tmp_path, {**TINY, "samples": rows, "effects": effects, "stereology": how})
         done = snakemake(tmp_path, "--", *(f"results/{name}/sizes.csv" for name in names))
         assert done.returncode == 0, done.stdout[-3000:]
         tables = [io.read_table(tmp_path / f"results/{name}/sizes.csv") for name in names]
@@ -416,8 +429,7 @@ def test_a_section_is_read_again_for_what_it_was_read_by_only(tmp_path):
 def test_voxels_may_be_finer_than_the_pixels_of_the_section(finished, tmp_path):
     """Slices are measured on the section's pixels, whatever the twin's voxels."""
     folder = shutil.copytree(finished, tmp_path / "run")
-    short = {"realizations": 1, "correlation": {"chunks": 1}, "contacts": {"resettled": 0}}
-    write_config(folder, changed(scene={"voxel_size_um": 1.25}, **short), "fine.yaml")
+    write_config(folder, changed(scene={"voxel_size_um": 1.25}, **SHORT), "fine.yaml")
     wanted = [
         f"results/tiny/full/{name}" for name in ("0/grains2d.csv", "0/s2_slices.csv", "s2_envelope.json")
     ]
@@ -502,7 +514,8 @@ def test_slabs_asked_for_later_pack_nothing_anew(finished):
     assert not {"first_packing", "deficit", "second_packing"} & set(rerun)
 
 
-def test_any_number_of_slabs_gives_the_same_bytes(finished, tmp_path):
+@pytest.mark.xdist_group("dense")
+def test_any_number_of_slabs_gives_the_same_bytes(finished, consolidated, tmp_path):
     """With chunks of 16 planes in place of 128, so that a tiny volume has three layers of them.
 
     Cemented, too, which is done as a whole; with more slabs than layers, of which one is empty.
@@ -511,33 +524,30 @@ def test_any_number_of_slabs_gives_the_same_bytes(finished, tmp_path):
     house = another_house(tmp_path / "house", "*.tmp.*", "*.pyc.*")
     module = house / "src/grainfall/io.py"
     module.write_text(module.read_text().replace("CHUNK = 128", "CHUNK = 16"))
+    of_twin = ("twin.zarr.zip", "bodies.csv")
     made = [
-        *(f"results/tiny/full/0/{name}" for name in ("twin.zarr.zip", "bodies.csv", "s2_volume.csv")),
+        *(f"results/tiny/full/0/{name}" for name in (*of_twin, "s2_volume.csv")),
         *("results/tiny/full/0/second/volume.zarr.zip", "results/tiny/reference_s2.csv"),
         *(f"results/tiny/full/0/network_{name}.csv" for name in ("pores", "throats")),
         *(f"results/tiny/reference_network_{name}.csv" for name in ("pores", "throats")),
     ]
-    cemented = {"scene": {"porosity": 0.36}, "effects": {"cement": "on", "densification": "off"}}
-    found = {}
-    for slabs, over, wanted in ((2, {}, made), (1, cemented, made[:2]), (4, cemented, made[:2])):
-        # both cemented ones from the same packings
-        start = found[1] if slabs == 4 else finished
-        folder = found[slabs] = shutil.copytree(start, tmp_path / str(slabs))
+    rims = [f"results/tiny/cemented/0/{name}" for name in of_twin]
+    for whole, over, slabs, wanted in (
+        (finished, {}, 2, made),
+        (consolidated, {"variants": COMPARED, **SHORT}, 4, rims),
+    ):
+        folder = shutil.copytree(whole, tmp_path / str(slabs))
         for path in wanted:
             (folder / path).unlink()
-        if slabs == 1:
-            (folder / "results/tiny/full/scene.json").unlink()
         write_config(folder, changed(slabs=slabs, **over))
         done = snakemake(folder, "--rerun-triggers", "mtime", "--", *wanted, snakefile=house / "Snakefile")
         assert done.returncode == 0, done.stdout[-6000:]
-        assert ("twin_slab" in done.stdout) == (slabs > 1)
-        assert ("network_slab" in done.stdout) == (slabs > 1 and wanted == made)
+        assert "twin_slab" in done.stdout
+        assert ("network_slab" in done.stdout) == (wanted == made)
         assert not [*(folder / "results").rglob("slabs/*"), *(folder / "results").rglob("*-of-*.npz")]
-    for path in made:
-        assert content(finished / path) == content(found[2] / path), path
-    once, again = ([(found[n] / path).read_bytes() for path in made[:2]] for n in (1, 4))
-    assert once == again
-    assert json.loads((found[1] / "results/tiny/full/0/cement.json").read_text())["on"]
+        for path in wanted:
+            assert content(whole / path) == content(folder / path), path
+    assert json.loads((folder / "results/tiny/cemented/0/cement.json").read_text())["on"]
 
 
 def content(path):
