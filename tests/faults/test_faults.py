@@ -8,7 +8,6 @@ import shutil
 import subprocess
 import sys
 import time
-from functools import partial
 
 import kills
 import pytest
@@ -19,14 +18,11 @@ pytestmark = pytest.mark.xdist_group("faults")
 PACKED = "results/s/full/0/first/bodies.csv"
 SECTION = "results/s/section.json"
 
-# to cut shapes of voids takes four fifths of a run, and is one more step of the grain library
-prepare = partial(kills.prepare, config={**kills.SCENE, "effects": {"void_shapes": "off"}})
-
 
 @pytest.fixture(scope="session")
 def undisturbed(tmp_path_factory):
     """A finished first packing; copy it before you break it."""
-    folder = prepare(tmp_path_factory.mktemp("faults") / "undisturbed")
+    folder = kills.prepare(tmp_path_factory.mktemp("faults") / "undisturbed")
     status, said = kills.run(folder, PACKED)
     assert status == 0, said[-3000:]
     return folder
@@ -57,7 +53,7 @@ def messages(said):
 
 def test_kill_after_kill(undisturbed, tmp_path):
     """The group, Snakemake alone, one worker, at moments of what was left; the group amid the packing."""
-    folder, moment = prepare(tmp_path / "killed"), random.Random(7)
+    folder, moment = kills.prepare(tmp_path / "killed"), random.Random(7)
 
     def checkpoints():
         return [*folder.glob("results/**/.checkpoints/*/*.npz")]
@@ -86,7 +82,7 @@ def test_kill_after_kill(undisturbed, tmp_path):
 
 def test_a_killed_command_line_takes_its_run_along(tmp_path):
     """Snakemake would wait for ever, locked, for somebody to read what it says."""
-    folder = prepare(tmp_path / "killed")
+    folder = kills.prepare(tmp_path / "killed")
     process = subprocess.Popen(
         [sys.executable, "-m", "grainfall.cli", "run", str(folder), "--cores", "1"],
         env={**os.environ, "PYTHONPATH": str(kills.ROOT / "src")},
@@ -161,7 +157,7 @@ def small_disk(tmp_path):
 
 
 def test_full_disk_then_read_only_then_room(small_disk, tmp_path):
-    folder = prepare(tmp_path / "user")
+    folder = kills.prepare(tmp_path / "user")
     (folder / "results").symlink_to(small_disk)
     (small_disk / "filler").write_bytes(bytes(75_000))
     status, said = kills.run(folder, SECTION)
@@ -194,7 +190,7 @@ def limited(folder, what, most):
 
 
 def test_largest_file_reached(tmp_path):
-    folder = prepare(tmp_path / "user")
+    folder = kills.prepare(tmp_path / "user")
     # Snakemake writes its rules to a file too: the results must be the larger ones
     kills.Image.fromarray(kills.np.tile(kills.section(), (6, 6))).save(folder / "section.png")
     status, said = limited(folder, resource.RLIMIT_FSIZE, 40_000)
@@ -205,7 +201,7 @@ def test_largest_file_reached(tmp_path):
 
 def test_memory_reached(tmp_path):
     """An image that fits, in a job whose memory does not."""
-    folder = prepare(tmp_path / "user")
+    folder = kills.prepare(tmp_path / "user")
     large = kills.np.kron(kills.section(), kills.np.ones((40, 40), "u1"))
     kills.Image.fromarray(large).save(folder / "section.png", compress_level=1)
     status, said = limited(folder, resource.RLIMIT_AS, 2_500_000_000)
