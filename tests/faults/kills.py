@@ -132,10 +132,11 @@ def alive(pid):
 
 def litter(folder):
     """What a clean folder does not have: temporary files, checkpoints, locks, backups."""
-    parts = [path for path in (folder / "results").rglob(".*") if path.name != ".snakemake_timestamp"]
+    parts = [path for path in (folder / "results").rglob(".*/**/*") if path.is_file()]
+    parts += [path for path in (folder / "results").rglob(".*") if path.name != ".snakemake_timestamp"]
     inside = folder / ".snakemake"
     kept = [path for name in ("locks", "backup", "incomplete") for path in (inside / name).rglob("*")]
-    return sorted(str(path.relative_to(folder)) for path in [*parts, *kept] if not path.is_dir())
+    return sorted({str(path.relative_to(folder)) for path in [*parts, *kept] if not path.is_dir()})
 
 
 def study(numbers, seed, work, say=print):
