@@ -132,11 +132,11 @@ def alive(pid):
 
 def litter(folder):
     """What a clean folder does not have: temporary files, checkpoints, locks, backups."""
-    parts = [path for path in (folder / "results").rglob(".*/**/*") if path.is_file()]
-    parts += [path for path in (folder / "results").rglob(".*") if path.name != ".snakemake_timestamp"]
-    inside = folder / ".snakemake"
+    results, inside = folder / "results", folder / ".snakemake"
+    hidden = [path for path in results.rglob("*") if "/." in f"/{path.relative_to(results).as_posix()}"]
+    parts = [path for path in hidden if path.name != ".snakemake_timestamp"]
     kept = [path for name in ("locks", "backup", "incomplete") for path in (inside / name).rglob("*")]
-    return sorted({str(path.relative_to(folder)) for path in [*parts, *kept] if not path.is_dir()})
+    return sorted(str(path.relative_to(folder)) for path in [*parts, *kept] if not path.is_dir())
 
 
 def study(numbers, seed, work, say=print):
