@@ -25,7 +25,7 @@ from grainfall.errors import InputError
 PACKAGES = (
     "numpy", "scipy", "numba", "pandas", "pillow", "scikit-image", "tifffile", "zarr", "trimesh", "edt",
     "jsonschema", "pyyaml", "lazy-loader", "sapien", "pybullet", "porespy", "openpnm", "python-fcl", "coacd",
-    "pyarrow", "pyevtk", "pyvista",
+    "pyevtk", "pyvista",
 )
 # fmt: on
 """What results are computed with: the core of pyproject.toml and its extras packing and analysis."""

@@ -13,7 +13,7 @@ from math import prod
 
 import numpy as np
 import pandas as pd
-from scipy import fft
+import scipy  # its parts load when they are first used
 
 from grainfall.io import share
 
@@ -197,7 +197,7 @@ def pair_counts(
     nz, ny, _ = volume.shape
     z0, z1 = share(nz, part, parts)
     rows = slice(*share(ny, part, parts))
-    with fft.set_workers(threads):
+    with scipy.fft.set_workers(threads):
         along_z = _counts_along(np.asarray(volume[:, rows]), 0, max_lag, periodic)
         end = z1 + (max_lag // 2 if radial else 0)
         planes = np.asarray(volume[z0:end])
@@ -283,15 +283,17 @@ def _counts_along(indicator: np.ndarray, axis: int, max_lag: int, periodic: bool
     if not 0 <= max_lag < n:
         raise ValueError(f"largest lag {max_lag} does not fit in {n} pixels")
     lines = np.atleast_2d(np.moveaxis(indicator, axis, -1))
-    size = n if periodic else fft.next_fast_len(n + max_lag, real=True)
+    size = n if periodic else scipy.fft.next_fast_len(n + max_lag, real=True)
     power = np.zeros(size // 2 + 1)
     # Planes by planes, so that no transform of the whole volume is ever held.
     step = max(1, LINES_AT_ONCE // prod(lines.shape[1:-1]))
     for i in range(0, len(lines), step):
-        spectrum = fft.rfft((lines[i : i + step] != 0).astype(float), size, axis=-1).reshape(-1, len(power))
+        spectrum = scipy.fft.rfft((lines[i : i + step] != 0).astype(float), size, axis=-1).reshape(
+            -1, len(power)
+        )
         power += np.einsum("ij,ij->j", spectrum.real, spectrum.real)
         power += np.einsum("ij,ij->j", spectrum.imag, spectrum.imag)
-    return np.rint(fft.irfft(power, size)[: max_lag + 1]).astype(np.int64)
+    return np.rint(scipy.fft.irfft(power, size)[: max_lag + 1]).astype(np.int64)
 
 
 def _fits_along(shape: Sequence[int], axis: int, max_lag: int, periodic: bool) -> np.ndarray:
@@ -336,7 +338,7 @@ def _shell_counts(planes: np.ndarray, own: int, reach: int, periodic: bool, bloc
         lags = range(first, min(first + step, reach + 1))
         spectrum, size = _lag_spectrum(planes, own, lags, reach, periodic, block_bytes)
         for dz, lines in zip(lags, spectrum, strict=True):
-            counts = np.rint(fft.irfft(lines, size, axis=-1)[:, offsets]).ravel()
+            counts = np.rint(scipy.fft.irfft(lines, size, axis=-1)[:, offsets]).ravel()
             shell, _ = _shells_at(dz, reach)
             inside = shell <= reach
             twice = 2.0 if dz else 1.0  # the lag -r has the pairs of r
@@ -355,8 +357,8 @@ def _lag_spectrum(
     """
     planes = planes[: own + lags[-1]]
     nz, ny, nx = planes.shape
-    size_y, size_x = (n if periodic else fft.next_fast_len(n + reach, real=True) for n in (ny, nx))
-    size_z = fft.next_fast_len(own + len(lags) - 1, real=True)
+    size_y, size_x = (n if periodic else scipy.fft.next_fast_len(n + reach, real=True) for n in (ny, nx))
+    size_z = scipy.fft.next_fast_len(own + len(lags) - 1, real=True)
     kept = np.arange(-reach, reach + 1)
     frequencies = size_x // 2 + 1
     spectrum = np.empty((len(lags), len(kept), frequencies), complex)
@@ -369,17 +371,17 @@ def _lag_spectrum(
         along_x = np.empty((nz, ny, block.stop - k), complex)
         for z in range(0, nz, at_once):
             lines = (planes[z : z + at_once] != 0).astype(float)
-            along_x[z : z + at_once] = fft.rfft(lines, size_x, axis=-1)[..., block]
-        along_y = fft.fft(along_x, size_y, axis=1)
+            along_x[z : z + at_once] = scipy.fft.rfft(lines, size_x, axis=-1)[..., block]
+        along_y = scipy.fft.fft(along_x, size_y, axis=1)
         del along_x
         by_lag = np.empty((len(lags), size_y, block.stop - k), complex)
         for y in range(0, size_y, rows):
-            upper = fft.fft(along_y[lags[0] :, y : y + rows], size_z, axis=0)
+            upper = scipy.fft.fft(along_y[lags[0] :, y : y + rows], size_z, axis=0)
             same = lags[0] == 0 and own == nz  # of a whole volume
-            lower = upper if same else fft.fft(along_y[:own, y : y + rows], size_z, axis=0)
+            lower = upper if same else scipy.fft.fft(along_y[:own, y : y + rows], size_z, axis=0)
             for above, below in zip(upper, lower, strict=True):
                 above *= below.conj()
-            by_lag[:, y : y + rows] = fft.ifft(upper, axis=0, overwrite_x=True)[: len(lags)]
+            by_lag[:, y : y + rows] = scipy.fft.ifft(upper, axis=0, overwrite_x=True)[: len(lags)]
         del along_y
-        spectrum[..., block] = fft.ifft(by_lag, axis=1, overwrite_x=True)[:, kept]
+        spectrum[..., block] = scipy.fft.ifft(by_lag, axis=1, overwrite_x=True)[:, kept]
     return spectrum, size_x

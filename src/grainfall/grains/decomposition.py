@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
+import scipy  # its parts load when they are first used
 
 MOST_PIECES = 16
 """Bullet takes no more shapes in a compound."""
@@ -66,8 +66,8 @@ def decompose(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, ...]
 
 def _solid(points: np.ndarray) -> bool:
     try:
-        return ConvexHull(points).volume > 0
-    except (QhullError, ValueError):
+        return scipy.spatial.ConvexHull(points).volume > 0
+    except (scipy.spatial.QhullError, ValueError):
         return False
 
 
@@ -94,7 +94,7 @@ def union_volume(pieces: tuple[np.ndarray, ...], n: int = 64) -> float:
 
 def _crossings(piece: np.ndarray, lines: np.ndarray) -> np.ndarray:
     """Lowest and highest z (m, 2) of a convex piece on vertical lines at (x, y); alike where they miss it."""
-    planes = ConvexHull(piece).equations
+    planes = scipy.spatial.ConvexHull(piece).equations
     outside = lines @ planes[:, :2].T + planes[:, 3]
     up, down = planes[:, 2] > 1e-12, planes[:, 2] < -1e-12
     top = (-outside[:, up] / planes[up, 2]).min(axis=1)

@@ -8,7 +8,7 @@ from pathlib import Path
 import lazy_loader
 import numpy as np
 import pandas as pd
-from scipy.spatial.transform import Rotation
+import scipy  # its parts load when they are first used
 
 from grainfall import io
 from grainfall.errors import InputError
@@ -67,7 +67,9 @@ def export_bodies(
     if bodies.empty:
         raise InputError("bodies", "there is nothing to export", "give at least one body")
     poses = np.tile(np.eye(4), (len(bodies), 1, 1))
-    turn = Rotation.from_quat(bodies[["qw", "qx", "qy", "qz"]].to_numpy(float), scalar_first=True)
+    turn = scipy.spatial.transform.Rotation.from_quat(
+        bodies[["qw", "qx", "qy", "qz"]].to_numpy(float), scalar_first=True
+    )
     poses[:, :3, :3] = turn.as_matrix() * bodies["scale"].to_numpy(float)[:, None, None]
     poses[:, :3, 3] = bodies[["x", "y", "z"]]
     if kind == ".stl":

@@ -9,7 +9,7 @@ from pathlib import Path
 import lazy_loader
 import numpy as np
 import pandas as pd
-from scipy.spatial import ConvexHull
+import scipy  # its parts load when they are first used
 
 from grainfall import io
 from grainfall.errors import InputError
@@ -267,7 +267,7 @@ def cut(vertices: np.ndarray, faces: np.ndarray) -> tuple[tuple[np.ndarray, ...]
         V_union / V − 1; NaN without pieces.
     """
     volume = mass_properties(vertices, faces)[0]
-    hull_excess = ConvexHull(vertices).volume / volume - 1
+    hull_excess = scipy.spatial.ConvexHull(vertices).volume / volume - 1
     if hull_excess < SMALLEST_EXCESS:
         return (), np.nan
     pieces = tuple(p.astype(np.float32).astype(np.float64) for p in decompose(vertices, faces))
@@ -338,7 +338,7 @@ def _normalised(grain: Grain) -> tuple[np.ndarray, dict[str, float]]:
     axes = np.sqrt(moments.sum() / 2 - moments)  # of the ellipsoid of equal inertia, longest first
     area = trimesh.triangles.area(vertices[grain.faces]).sum()
     return vertices, {
-        "hull_excess": ConvexHull(vertices).volume / volume - 1,
+        "hull_excess": scipy.spatial.ConvexHull(vertices).volume / volume - 1,
         "aspect_ratio": axes[0] / axes[2],
         "elongation": axes[1] / axes[0],
         "flatness": axes[2] / axes[1],

@@ -7,9 +7,7 @@ from typing import TypeAlias
 
 import numpy as np
 import pandas as pd
-import scipy  # its stats take half a second to load, and do so when they are first used
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+import scipy  # its parts load when they are first used
 
 Network: TypeAlias = dict[str, np.ndarray]
 """OpenPNM names to arrays; the first axis is the pore or the throat."""
@@ -184,8 +182,8 @@ def betti_numbers(network: Network) -> tuple[int, int]:
     network = subnetwork(network, ~network["pore.boundary"])
     n = len(network["pore.coords"])
     i, j = network["throat.conns"].T
-    graph = coo_array((np.ones(len(i)), (i, j)), shape=(n, n))
-    components = int(connected_components(graph, directed=False)[0]) if n else 0
+    graph = scipy.sparse.coo_array((np.ones(len(i)), (i, j)), shape=(n, n))
+    components = int(scipy.sparse.csgraph.connected_components(graph, directed=False)[0]) if n else 0
     return components, int(np.count_nonzero(~network["throat.disc_bounding"])) - n + components
 
 
