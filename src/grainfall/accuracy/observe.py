@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
-from scipy import stats
+import scipy  # its stats take half a second to load, and do so when they are first used
 
 from grainfall import correlation, flow, network
 
@@ -115,4 +115,4 @@ def differences(found: Mapping, held: Mapping) -> dict[str, float]:
 
 def relative_distance(radii: np.ndarray, true: np.ndarray) -> float:
     """Wasserstein distance of two samples over the mean of the second."""
-    return float(stats.wasserstein_distance(radii, true) / np.mean(true))
+    return float(scipy.stats.wasserstein_distance(radii, true) / np.mean(true))

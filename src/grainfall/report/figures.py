@@ -13,6 +13,7 @@ from pathlib import Path
 import matplotlib.style
 import numpy as np
 import pandas as pd
+import skimage  # its parts load when they are first used
 from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.colors import to_rgb, to_rgba
 from matplotlib.figure import Figure
@@ -21,7 +22,6 @@ from matplotlib.patches import Patch, Rectangle
 from matplotlib.ticker import EngFormatter
 from matplotlib.transforms import Affine2D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-from skimage.measure import approximate_polygon, find_contours, regionprops
 
 from grainfall.io import atomic_path
 from grainfall.report.tables import METRICS, number
@@ -198,7 +198,7 @@ def section_figure(
     if labels is not None:
         cut = set() if grains is None else set(grains.loc[grains["border"].astype(bool), "grain"])
         lines: dict[bool, list] = {False: [], True: []}
-        for region in regionprops(labels):
+        for region in skimage.measure.regionprops(labels):
             top_left, bottom_right = np.reshape(region.bbox, (2, 2))
             if (bottom_right > window[0]).all() and (top_left < window[1]).all():
                 lines[region.label in cut] += _outline(region, pixel_size_um)
@@ -235,8 +235,8 @@ def section_figure(
 def _outline(region, pixel: float) -> list[np.ndarray]:
     """Outlines of one labelled region as (n, 2) x, y in µm."""
     corner = np.array(region.bbox[:2])
-    lines = find_contours(np.pad(region.image, 1).astype(float), 0.5)
-    simple = (approximate_polygon(line, 0.35) for line in lines)
+    lines = skimage.measure.find_contours(np.pad(region.image, 1).astype(float), 0.5)
+    simple = (skimage.measure.approximate_polygon(line, 0.35) for line in lines)
     return [((line + corner - 0.5) * pixel)[:, ::-1] for line in simple]
 
 

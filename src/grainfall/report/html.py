@@ -13,8 +13,8 @@ from pathlib import Path
 import jinja2
 import numpy as np
 import pandas as pd
+import scipy  # its parts load when they are first used
 from matplotlib.figure import Figure
-from scipy import ndimage
 
 from grainfall import __version__, io, network
 from grainfall.report import figures, tables, view3d
@@ -631,7 +631,7 @@ def gallery(r: Results, count: int = GALLERY) -> list[dict]:
     labels = r.volume("sample:labels.zarr.zip", "grains")
     if labels is None:
         return []
-    boxes = ndimage.find_objects(labels)
+    boxes = scipy.ndimage.find_objects(labels)
     minerals = sorted(set(library.table["phase"]) - {VOID})
     chosen = []
     for mineral in minerals:

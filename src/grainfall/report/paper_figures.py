@@ -14,13 +14,13 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+import skimage  # its parts load when they are first used
 from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.colors import to_rgb, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import FancyArrowPatch, Patch
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-from skimage.measure import find_contours
 
 from grainfall import correlation, io, network, random
 from grainfall.report import figures
@@ -194,7 +194,8 @@ def _outlines(axes, labels: np.ndarray, pixel: float, colour: str = "#C00000", w
         rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
         corner = rows[0] - 1, columns[0] - 1
         part = mask[corner[0] : rows[-1] + 2, corner[1] : columns[-1] + 2].astype(float)
-        lines += [(line + np.array(corner) - 0.5)[:, ::-1] * pixel for line in find_contours(part, 0.5)]
+        found = skimage.measure.find_contours(part, 0.5)
+        lines += [(line + np.array(corner) - 0.5)[:, ::-1] * pixel for line in found]
     axes.add_collection(LineCollection(lines, colors=colour, linewidths=width))
 
 
@@ -335,7 +336,7 @@ def grain(cases: Cases) -> Figure | None:
     left, right = (figure.add_subplot(1, 2, k, projection="3d") for k in (1, 2))
     spans = np.ptp(vertices, axis=0)
     for mask, (a, b), shade in zip(one["masks"], ((0, 1), (0, 2), (1, 2)), (0.9, 0.65, 0.4), strict=True):
-        line = max(find_contours(np.pad(mask, 1).astype(float), 0.5), key=len)[:, ::-1]
+        line = max(skimage.measure.find_contours(np.pad(mask, 1).astype(float), 0.5), key=len)[:, ::-1]
         line = line - (line.max(0) + line.min(0)) / 2
         points = np.zeros((len(line), 3))
         points[:, [a, b]] = line / np.ptp(line, axis=0) * spans[[a, b]] * (1, -1)

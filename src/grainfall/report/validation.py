@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from scipy import stats
+import scipy  # its stats take half a second to load, and do so when they are first used
 
 from grainfall import correlation, io, network, surface
 from grainfall.errors import InputError
@@ -454,7 +454,7 @@ def _grain_figures(bodies: pd.DataFrame, grains: pd.DataFrame, k: float, k_ref: 
     for phase, true in grains.groupby("phase")["r_um"]:
         own = bodies.loc[bodies["phase"] == phase, "scale"]
         ratios.append(own.mean() / true.mean())
-        distances.append(stats.wasserstein_distance(own, true) / true.mean())
+        distances.append(scipy.stats.wasserstein_distance(own, true) / true.mean())
         shares.append(len(true))
     r, r_ref = bodies["scale"].mean(), grains["r_um"].mean()
     return {

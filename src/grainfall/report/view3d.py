@@ -9,7 +9,7 @@ import base64
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from skimage.measure import marching_cubes
+import skimage  # its parts load when they are first used
 
 from grainfall.io import CHUNK, Volume
 from grainfall.report.figures import PORE_CIRCLE, mineral_colour
@@ -108,7 +108,7 @@ def _surface(share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     share = np.pad(share, 1)  # empty rim: the cut faces of the box close
     if not (share > 0.5).any():
         return np.zeros((0, 3)), np.zeros((0, 3), int)
-    vertices, faces, _, _ = marching_cubes(share, 0.5)
+    vertices, faces, _, _ = skimage.measure.marching_cubes(share, 0.5)
     inside = np.clip(vertices - 0.5, 0, blocks)  # rim voxel centre → corner of the volume
     return inside[:, ::-1], faces[:, ::-1]
 
