@@ -22,7 +22,7 @@ demo: $(VENV)/.ready  ## the embedded demo, to results/summary.csv and results/r
 setup: $(VENV)/.ready  ## the environment alone; every other target makes it, too
 
 test: $(VENV)/.ready  ## the whole test suite
-	$(BIN)/python -m pytest -n 2 --dist loadgroup tests
+	$(BIN)/python -m pytest -n 2 --dist loadgroup --no-loadscope-reorder tests
 
 # pip installs into the environment from outside, so it needs neither ensurepip nor a pip of its own.
 $(VENV)/.ready: requirements.lock pyproject.toml

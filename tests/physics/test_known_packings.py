@@ -32,9 +32,9 @@ def test_frictionless_spheres_have_three_contacts_each(engine, tolerance):
 
 
 def test_friction_loosens_equal_spheres():
-    """One seed a friction; the small core scatters by about 0.01 from seed to seed."""
+    """One seed a friction, walls 1.5 diameters off; so small a core scatters by 0.01 from seed to seed."""
     rows = [
-        packing.pour(Case("spheres", friction=mu), 0, grains(200), None, 3.5, 2.0) for mu in (0.1, 0.3, 1.0)
+        packing.pour(Case("spheres", friction=mu), 0, grains(200), None, 3.5, 1.5) for mu in (0.1, 0.3, 1.0)
     ]
     fractions, contacts = ([row[name] for row in rows] for name in ("solid_fraction", "z"))
     assert 0.643 > fractions[0] > fractions[1] > fractions[2] > 0.55

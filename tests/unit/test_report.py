@@ -834,7 +834,6 @@ def opened(page, tree):
         browser.close()
 
 
-@pytest.mark.xdist_group("browser")
 def test_browser_opens_the_page_offline_without_complaint(opened, tree):
     tab, complaints, requests = opened
     assert tab.title() == "Twins of a demo"
@@ -844,7 +843,6 @@ def test_browser_opens_the_page_offline_without_complaint(opened, tree):
     assert tab.evaluate("[...document.images].every(image => image.complete && image.naturalWidth > 0)")
 
 
-@pytest.mark.xdist_group("browser")
 def test_browser_finds_no_barrier(opened):
     """The rules of axe-core, those of WCAG 2 A and AA among them, on the whole page."""
     axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe is not installed")
@@ -885,7 +883,6 @@ def figure(text):
     return float(found.group()) if found else None
 
 
-@pytest.mark.xdist_group("browser")
 def test_browser_sorts_every_table_by_every_column(opened):
     tab, complaints, _ = opened
     tables = tab.locator("table").all()
@@ -916,7 +913,6 @@ def test_browser_sorts_every_table_by_every_column(opened):
     assert complaints == []
 
 
-@pytest.mark.xdist_group("browser")
 def test_browser_turns_the_view_by_mouse_and_by_keyboard(opened):
     tab, complaints, _ = opened
     view = tab.locator(".view").first
