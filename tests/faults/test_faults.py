@@ -206,9 +206,10 @@ def test_memory_reached(tmp_path):
     folder = kills.prepare(tmp_path / "user")
     large = kills.np.kron(kills.section(), kills.np.ones((40, 40), "u1"))
     kills.Image.fromarray(large).save(folder / "section.png", compress_level=1)
-    status, said = limited(folder, resource.RLIMIT_AS, 2_500_000_000)
+    status, said = limited(folder, resource.RLIMIT_AS, 2_000_000_000)
     assert status == 1
     assert any("emory" in line for line in messages(said)), said[-2000:]
+    assert (folder / "results/s/section.zarr.zip").exists()
     assert not (folder / SECTION).exists()
     assert kills.litter(folder) == []
 
