@@ -20,11 +20,11 @@ def pytest_collection_modifyitems(items):
     """Which tests come first, and which one worker runs together.
 
     Runs of the whole workflow take minutes each: they start first, so that no core waits for the last. What
-    the tests of a module share is made once where one worker runs them.
+    the unit tests of a module share is made once where one worker runs them.
     """
     items.sort(key=lambda item: "workflow" not in item.path.parts)
     for item in items:
-        if "unit" in item.path.parts or item.path.name == "test_effects.py":
+        if "unit" in item.path.parts:
             item.add_marker(pytest.mark.xdist_group(item.path.stem))
 
 

@@ -11,6 +11,8 @@ import trimesh
 from grainfall import packing, volume
 from grainfall.errors import InputError
 
+pytestmark = pytest.mark.xdist_group("effects")
+
 SCENE = {
     "phases": ["pore", "quartz"],
     "fractions": [1.0],
