@@ -3,10 +3,9 @@
 import fcntl
 import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
+import forks
 import pytest
 import yaml
 
@@ -17,17 +16,10 @@ TINY = yaml.safe_load((ROOT / "docs/tiny.yaml").read_text()) | {"reference_cubes
 
 
 def snakemake(folder, *arguments, config="config.yaml", snakefile=ROOT / "Snakefile", cores=2):
-    """Run snakemake in ``folder`` as a user would; the finished process with its output in ``stdout``."""
-    command = [sys.executable, "-m", "snakemake", "--snakefile", str(snakefile), "--cores", str(cores)]
-    return subprocess.run(
-        [*command, "--configfile", config, *map(str, arguments)],
-        cwd=folder,
-        env={**os.environ, "COLUMNS": "200"},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        timeout=900,
-    )
+    """Run snakemake in ``folder`` as a user would; the finished run with its output in ``stdout``."""
+    command = ["--snakefile", snakefile, "--cores", cores, "--configfile", config, *arguments]
+    environment = {**os.environ, "COLUMNS": "200"}
+    return forks.snakemake(*map(str, command), folder=folder, environment=environment, timeout=900)
 
 
 def planned(folder, *arguments, **options):

@@ -1,8 +1,10 @@
 """What two runs of one config have to agree in."""
 
 import json
+from pathlib import Path
 
 import pandas as pd
+import zarr
 
 TIMED = ("summary.csv", "summary_row.csv", "flow.csv", "reference_flow.csv")
 ASIDE = ("report.html", "metrics.csv", "provenance.json")
@@ -17,7 +19,15 @@ def timeless(content):
     return [timeless(value) for value in content] if isinstance(content, list) else content
 
 
-def outputs(folder):
+def unchunked(path):
+    """Bytes of a file; of a volume those of its arrays, whatever chunks they lie in."""
+    if not path.name.endswith(".zarr.zip"):
+        return path.read_bytes()
+    group = zarr.open_group(zarr.storage.ZipStore(path, mode="r"), mode="r")
+    return dict(group.attrs), {name: array[...].tobytes() for name, array in group.arrays()}
+
+
+def outputs(folder, read=Path.read_bytes):
     """Content of every file that must depend on the config alone, timing columns aside."""
     found = {}
     for path in sorted((folder / "results").rglob("*")):
@@ -25,10 +35,9 @@ def outputs(folder):
         aside = {"benchmarks", "logs", "figures"} & set(path.parts)
         if path.is_dir() or aside or path.name in ASIDE:
             continue
-        content = path.read_bytes()
+        found[name] = read(path)
         if path.suffix == ".json":
-            content = timeless(json.loads(content))
+            found[name] = timeless(json.loads(found[name]))
         if path.name in TIMED:
-            content = pd.read_csv(path).drop(columns=["wall_s", "peak_rss_mb"], errors="ignore").to_csv()
-        found[name] = content
+            found[name] = pd.read_csv(path).drop(columns=["wall_s", "peak_rss_mb"], errors="ignore").to_csv()
     return found

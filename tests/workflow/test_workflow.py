@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 import skimage.io
 import zarr
-from outputs import outputs
+from outputs import outputs, unchunked
 
 from conftest import ROOT, TINY, planned, snakemake, write_config
 from grainfall import flow, io, packing, provenance, stereology
@@ -21,6 +21,7 @@ from grainfall.export import FORMATS
 from grainfall.io import read_volume
 from grainfall.report import SUMMARY_COLUMNS
 from grainfall.section import Mineral, synthesise
+from grainfall.surface import core, solid_surface
 
 AFTER_PACKING = {
     "packed_volume",
@@ -205,8 +206,8 @@ def consolidated(finished, tmp_path_factory):
     """Beside the finished twins some of a rock that no packing is as dense as."""
     folder = shutil.copytree(finished, tmp_path_factory.mktemp("dense") / "run")
     twins = {name: f"results/tiny/{name}/0" for name in ("pressed", "cemented", "bare")}
-    wanted = [f"{twins[name]}/{file}" for name in COMPARED for file in ("metrics.csv", "plan.json")]
-    wanted += [f"{twins['cemented']}/figures/block.svg", "results/summary.csv"]
+    wanted = [f"{twins['cemented']}/{file}" for file in ("metrics.csv", "plan.json", "figures/block.svg")]
+    wanted += [f"{twins['pressed']}/{file}" for file in ("twin.zarr.zip", "plan.json")]
     missing = [f"{twins['bare']}/{file}" for file in ("flow.csv", "plan.json")]
     for variants, files in ((COMPARED, wanted), (dense(bare={"cement": False}), missing)):
         write_config(folder, changed(variants=variants, **SHORT), "dense.yaml")
@@ -252,13 +253,26 @@ def test_rock_too_dense_for_its_grains_is_cemented(consolidated):
     assert missed["compaction"]["reason"] == "there are no rims"
     # the section's grains are rougher than such rims; pressed into each other they keep more of their surface
     assert "pressed to" in json.loads((pressed / "plan.json").read_text())["compaction"]["reason"]
-    rougher = pd.read_csv(pressed / "metrics.csv").set_index("metric")["value"]
-    assert rougher["porosity"] == metrics["porosity"]
-    assert rougher["solid_surface_per_um"] > metrics["solid_surface_per_um"]
-    assert rougher["cement_share"] < metrics["cement_share"]
-    # the first variant is what others are compared with: in another order the table is another
-    write_config(folder, changed(variants=dict(reversed(COMPARED.items())), **SHORT), "dense.yaml")
-    assert planned(folder, "--", "results/summary.csv", config="dense.yaml") == {"summary": 1}
+    rougher, size = read_volume(pressed / "twin.zarr.zip", "phase")
+    assert (rougher == 0).sum() == (phase == 0).sum()
+    assert (rougher == 3).sum() < (phase == 3).sum()
+    rough, smooth = (solid_surface(core(v), size["voxel_size_um"]).per_um for v in (rougher, phase))
+    assert rough > smooth
+    assert metrics["solid_surface_per_um"] == pytest.approx(smooth)
+
+
+def test_the_first_variant_is_what_others_are_compared_with(finished, tmp_path):
+    """In another order the table of the same twins is another."""
+    folder = shutil.copytree(finished, tmp_path / "order")
+    shutil.copytree(folder / "results/tiny/full", folder / "results/tiny/same")
+    table = "results/summary.csv"
+    write_config(folder, changed(variants={"full": {}, "same": {}}))
+    done = snakemake(folder, "--", table)
+    assert done.returncode == 0, done.stdout[-3000:]
+    assert pd.read_csv(folder / table)["variant"].tolist() == ["full"] * 2 + ["same"] * 2
+    assert planned(folder, "--", table) == {}
+    write_config(folder, changed(variants={"same": {}, "full": {}}))
+    assert planned(folder, "--", table) == {"summary": 1}
 
 
 def test_second_run_does_nothing(finished):
@@ -514,79 +528,62 @@ def test_slabs_asked_for_later_pack_nothing_anew(finished):
     assert not {"first_packing", "deficit", "second_packing"} & set(rerun)
 
 
-@pytest.mark.xdist_group("dense")
-def test_any_number_of_slabs_gives_the_same_bytes(finished, consolidated, tmp_path):
-    """With chunks of 16 planes in place of 128, so that a tiny volume has three layers of them.
-
-    Cemented, too, which is done as a whole; with more slabs than layers, of which one is empty.
-    """
+@pytest.fixture(scope="session")
+def thin_chunks(tmp_path_factory):
+    """The workflow with chunks of 16 planes, not 128, so that a tiny volume has three layers of them."""
     # with what numba has compiled
-    house = another_house(tmp_path / "house", "*.tmp.*", "*.pyc.*")
+    house = another_house(tmp_path_factory.mktemp("chunks") / "house", "*.tmp.*", "*.pyc.*")
     module = house / "src/grainfall/io.py"
     module.write_text(module.read_text().replace("CHUNK = 128", "CHUNK = 16"))
-    of_twin = ("twin.zarr.zip", "bodies.csv")
-    made = [
-        *(f"results/tiny/full/0/{name}" for name in (*of_twin, "s2_volume.csv")),
-        *("results/tiny/full/0/second/volume.zarr.zip", "results/tiny/reference_s2.csv"),
-        *(f"results/tiny/full/0/network_{name}.csv" for name in ("pores", "throats")),
-        *(f"results/tiny/reference_network_{name}.csv" for name in ("pores", "throats")),
-    ]
-    rims = [f"results/tiny/cemented/0/{name}" for name in of_twin]
-    dense_too, found = {"variants": COMPARED, **SHORT}, {}
-    for whole, over, slabs, wanted in (
-        (finished, {}, 2, made),
-        (consolidated, dense_too, 1, rims),
-        (consolidated, dense_too, 4, rims),
-    ):
-        folder = found[slabs] = shutil.copytree(whole, tmp_path / str(slabs))
-        for path in wanted:
-            (folder / path).unlink()
-        write_config(folder, changed(slabs=slabs, **over))
-        done = snakemake(folder, "--rerun-triggers", "mtime", "--", *wanted, snakefile=house / "Snakefile")
-        assert done.returncode == 0, done.stdout[-6000:]
-        assert ("twin_slab" in done.stdout) == (slabs > 1)
-        assert ("network_slab" in done.stdout) == (wanted == made)
-        assert not [*(folder / "results").rglob("slabs/*"), *(folder / "results").rglob("*-of-*.npz")]
-        for path in wanted:
-            assert content(whole / path) == content(folder / path), path
-    once, again = ([(found[n] / path).read_bytes() for path in rims] for n in (1, 4))
-    assert once == again
-    assert json.loads((found[1] / "results/tiny/cemented/0/cement.json").read_text())["on"]
+    return house / "Snakefile"
 
 
-def content(path):
-    """Bytes of a table; of a volume those of its arrays, whatever chunks they lie in."""
-    if path.suffix == ".csv":
-        return path.read_bytes()
-    group = zarr.open_group(zarr.storage.ZipStore(path, mode="r"), mode="r")
-    return {name: array[...].tobytes() for name, array in group.arrays()}
-
-
-def test_one_core_and_other_chunks_give_the_same_bytes(finished, tmp_path):
-    """From section to grains; a twin from its packing on, S2, the truth's measures, what gathers them."""
-    anew = write_config(tmp_path / "anew", TINY)
-    done = snakemake(anew, "--", "results/tiny/grains3d", cores=1)
-    assert done.returncode == 0, done.stdout[-6000:]
-    first, second = outputs(finished), outputs(anew)
-    assert len(second) > 5
-    assert [name for name in second if first[name] != second[name]] == []
+def test_one_core_slabs_and_other_chunks_give_the_same_bytes(finished, thin_chunks, tmp_path):
+    """A twin from its packing to its row of the summary, and the truth's measures."""
     folder = shutil.copytree(finished, tmp_path / "again")
     shutil.rmtree(twin(folder))
-    measures = [*(folder / "results").rglob("s2_*.csv"), *(folder / "results/tiny").glob("reference_*.csv")]
-    for path in (*measures, folder / "results/summary.csv"):
+    for path in (folder / "results/tiny").glob("reference_*.csv"):
         path.unlink()
-    write_config(folder, changed(correlation={"chunks": 3}))
-    # figures and pages are not compared: they tell of times
-    done = snakemake(folder, "--omit-from", "figure", "ensembles_figure", cores=1)
+    write_config(folder, changed(correlation={"chunks": 3}, slabs=2))
+    wanted = [f"results/tiny/full/0/{name}" for name in ("summary_row.csv", "resettling.json", "plan.json")]
+    alone = ("--rerun-triggers", "mtime", "--", *wanted)
+    done = snakemake(folder, *alone, snakefile=thin_chunks, cores=1)
     assert done.returncode == 0, done.stdout[-6000:]
-    second = outputs(folder)
+    for rule in ("packed_volume_slab", "twin_slab", "s2_volume_slab", "network_slab"):
+        assert rule in done.stdout
+    assert not [*(folder / "results").rglob("slabs/*"), *(folder / "results").rglob("*-of-*.npz")]
+    first, second = outputs(finished, unchunked), outputs(folder, unchunked)
     assert first.keys() == second.keys()
     assert [name for name in first if first[name] != second[name]] == []
     assert any(name.endswith("twin.zarr.zip") for name in first)
 
 
+@pytest.mark.xdist_group("dense")
+def test_any_number_of_slabs_gives_the_same_cement(consolidated, thin_chunks, tmp_path):
+    """Which is done as a whole; with more slabs than layers, of which one is empty. Nor do cores tell."""
+    rims = [f"results/tiny/cemented/0/{name}" for name in ("twin.zarr.zip", "bodies.csv")]
+    found = []
+    for slabs, cores in ((1, 1), (4, 2)):
+        folder = shutil.copytree(consolidated, tmp_path / str(slabs))
+        for path in rims:
+            (folder / path).unlink()
+        write_config(folder, changed(slabs=slabs, variants=COMPARED, **SHORT))
+        mtime = ("--rerun-triggers", "mtime")
+        done = snakemake(folder, *mtime, "--", *rims, snakefile=thin_chunks, cores=cores)
+        assert done.returncode == 0, done.stdout[-6000:]
+        assert ("twin_slab" in done.stdout) == (slabs > 1)
+        for path in rims:
+            assert unchunked(consolidated / path) == unchunked(folder / path), path
+        found.append([(folder / path).read_bytes() for path in rims])
+    assert found[0] == found[1]
+    assert json.loads((folder / "results/tiny/cemented/0/cement.json").read_text())["on"]
+
+
 def test_cache_between_workflows(finished, tmp_path, monkeypatch):
-    """Two users share grain library and packings, whatever comes after; realizations are never mixed up."""
+    """Two users share grain library and packings, whatever comes after; realizations are never mixed up.
+
+    Whatever the first makes from the section on, on one core, is what two have made.
+    """
     monkeypatch.setenv("SNAKEMAKE_OUTPUT_CACHE", str(tmp_path / "cache"))
     (tmp_path / "cache").mkdir()
     packings = [f"results/tiny/full/{realization}/first/bodies.csv" for realization in (0, 1)]
@@ -594,13 +591,15 @@ def test_cache_between_workflows(finished, tmp_path, monkeypatch):
     for user, over in (("one", {}), ("two", {"effects": {"virtual_spheres": "off"}})):
         folder = write_config(tmp_path / user, changed(reference_cubes=cubes[user], **over))
         last = f"results/tiny/cube_{cubes[user] - 1}/reference.zarr.zip"
-        done = snakemake(folder, "--cache", "--", *packings, last)
+        done = snakemake(folder, "--cache", "--", *packings, last, cores=1)
         assert done.returncode == 0, done.stdout[-4000:]
     one, two = ((tmp_path / user / "results/tiny/cube_1/reference.zarr.zip").read_bytes() for user in cubes)
     assert one == two
-    for path in packings:
-        expected = (finished / path).read_bytes()
-        assert all((tmp_path / user / path).read_bytes() == expected for user in ("one", "two"))
+    there, here = outputs(tmp_path / "one"), outputs(finished)
+    both = there.keys() & here.keys()
+    assert {*packings, "results/tiny/sizes.csv"} <= both
+    assert [name for name in sorted(both) if there[name] != here[name]] == []
+    assert all((tmp_path / "two" / path).read_bytes() == there[path] for path in packings)
     worked, spared = (
         tmp_path / user / "results/tiny/full/0/logs/first_packing.log" for user in ("one", "two")
     )
