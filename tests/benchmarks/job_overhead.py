@@ -117,7 +117,7 @@ def plan(folder: Path, rows: int) -> tuple[int, float]:
 def run(folder: Path, rows: int) -> tuple[int, float]:
     """Jobs and CPU seconds of a run of the rule scene alone."""
     write_sweep(folder, rows)
-    for left in (folder / "results").glob("*/v*"):
+    for left in (folder / "results").glob("*/v[0-9]*"):
         shutil.rmtree(left)
     targets = [f"results/tiny/v{n:05d}/scene.json" for n in range(rows)]
     return rows, snakemake(folder, "--quiet", "all", "--", *targets)[0]
@@ -126,7 +126,7 @@ def run(folder: Path, rows: int) -> tuple[int, float]:
 def on_slurm(folder: Path, rows: int, snakefile: Path = HOUSE / "Snakefile") -> tuple[int, float]:
     """Jobs and CPU seconds of a run of the rule scene alone, all rows in one job of Slurm."""
     write_sweep(folder, rows)
-    for left in (folder / "results").glob("*/v*"):
+    for left in (folder / "results").glob("*/v[0-9]*"):
         shutil.rmtree(left)
     commands = folder / "commands"
     shutil.rmtree(commands, ignore_errors=True)

@@ -21,8 +21,12 @@ from grainfall.report.validation import (
     PAPER,
     REFERENCE_ENVELOPE,
     _alike,
+    _flow,
+    _flow_figures,
+    _grain_figures,
     _nearer,
     _of_envelope,
+    _pore_figures,
     aggregate,
     berea_slices,
     describe,
@@ -101,6 +105,53 @@ def test_paper_numbers_stand_beside_their_own_quantity():
     assert set(COLUMNS) <= set(table.columns)
     for _, _, quantity in PAPER:
         assert describe(quantity).label
+
+
+def flow_table(path, k_md, factor):
+    """A flow table of one method, and what the table of the cases makes of it."""
+    table = {"method": "network", "axis": list("xyz"), "k_md": k_md, "formation_factor": factor, "wall_s": 1}
+    io.write_table(path, pd.DataFrame(table))
+    return _flow(path)["network"]
+
+
+def test_flow_beside_the_truth(tmp_path):
+    own = flow_table(tmp_path / "twin.csv", [100.0, 140.0, 60.0], [10.0, 12.0, 17.0])
+    truth = flow_table(tmp_path / "truth.csv", [100.0, 100.0, 100.0], [10.0, 10.0, 10.0])
+    found = _flow_figures(own, truth)
+    assert found["k_md"] == (100, 100)
+    assert found["k_z_md"] == (60, 100)
+    assert found["k_ratio"] == (1, 1)
+    assert found["k_z_over_xy"] == (0.5, 1)
+    assert found["f_ratio"] == (1.3, 1)
+    assert all(describe(quantity).label for quantity in found)
+    # nothing flows along z: K is 0 there, and a formation factor there is none
+    blocked = flow_table(tmp_path / "blocked.csv", [100.0, 140.0, 0.0], [10.0, 12.0, math.nan])
+    found = _flow_figures(blocked, truth)
+    assert found["k_ratio"] == (0.8, 1)
+    assert found["k_z_over_xy"] == (0, 1)
+    assert math.isnan(found["f_ratio"][0])
+    # nor is there a ratio to what was not measured
+    assert _flow_figures(own, {})["f_ratio"][0] is None
+
+
+def test_sizes_twice_as_large_are_so_by_any_measure():
+    rng = np.random.default_rng(1)
+    pores = {
+        "pore_radius_um": rng.lognormal(2, 0.4, 500),
+        "pore_volume_um3": rng.random(500),
+        "throat_radius_um": rng.lognormal(1, 0.4, 900),
+    }
+    twice = {name: values if "volume" in name else 2 * values for name, values in pores.items()}
+    found = _pore_figures(twice, pores)
+    ratios = [value for quantity, (value, _) in found.items() if quantity.endswith("_ratio")]
+    assert ratios == pytest.approx([2] * 4)
+    grains = pd.DataFrame({"phase": rng.integers(1, 3, 400), "r_um": rng.lognormal(3, 0.3, 400)})
+    found = _grain_figures(grains.assign(scale=2 * grains["r_um"]), grains, 1.0, 1.0)
+    assert (found["r_mean_ratio"][0], found["rs_ratio"][0]) == pytest.approx((2, 2))
+    # a few large grains have much of the volume and little of the number
+    few = grains.assign(scale=np.where(grains.index < 8, 3, 1) * grains["r_um"])
+    found = _grain_figures(few, grains, 1.0, 1.0)
+    assert found["rs_ratio"][0] > found["r_mean_ratio"][0] > 1
 
 
 def verdict(values, **over):

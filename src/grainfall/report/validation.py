@@ -111,6 +111,9 @@ QUANTITIES: dict[str, Quantity] = {
     "k_y_md": Quantity("permeability along y", "mD"),
     "k_z_md": Quantity("permeability along z", "mD"),
     "k_ratio": Quantity("permeability over the truth's"),
+    "k_z_over_xy": Quantity("permeability along z, the way the grains fell, over that along x and y"),
+    "formation_factor": Quantity("formation factor, mean of three axes"),
+    "f_ratio": Quantity("formation factor over the truth's"),
     "k_of_full": Quantity("permeability over that of the full method, same numbers drawn"),
     "k_over_r2": Quantity("permeability over the squared mean grain radius", "mD/µm²"),
     "k_over_r2_ratio": Quantity("the same over the truth's"),
@@ -126,11 +129,15 @@ QUANTITIES: dict[str, Quantity] = {
     ),
     "n_ratio": Quantity("grains in a volume over the truth's"),
     "r_mean_ratio": Quantity("mean 3D grain radius over the truth's"),
+    "rs_ratio": Quantity("Sauter (volume to surface) radius of the grains over the truth's"),
     "w1_f3d": Quantity("3D grain radii, Wasserstein distance to the truth over its mean"),
     "s2_gap": Quantity("S₂ in 3D, largest distance to the truth's; truth: one of its cubes to the others"),
     "pore_r_um": Quantity("network pore radius, mean by pore volume", "µm"),
     "pore_r95_um": Quantity("network pore radius below which 95 % of the pore volume lies", "µm"),
-    "pore_r95_ratio": Quantity("network pore radius (95 % by pore volume) over the truth's"),
+    **{
+        f"pore_r{share}_ratio": Quantity(f"network pore radius ({share} % by pore volume) over the truth's")
+        for share in (25, 50, 75, 95)
+    },
     "circle_r95_um": Quantity(
         "pore circles on slices, radius below which 95 % of their area lies; truth: the section's",
         "µm",
@@ -280,7 +287,7 @@ def _of_references(folders: Sequence[Path]) -> dict:
     cubes = [folder for folder in folders if all((folder / name).exists() for name in MEASURED)]
     if not cubes:
         return {}
-    k = [_k(folder / "reference_flow.csv") for folder in cubes]
+    k = [_flow(folder / "reference_flow.csv") for folder in cubes]
     curves = [radial(folder / "reference_s2.csv") for folder in cubes]
     sizes = [network_sizes(folder / "reference_network") for folder in cubes]
     s2 = _mean_curve(curves)
@@ -315,14 +322,33 @@ def _alike(curves: Sequence[tuple], sizes: Sequence[Mapping]) -> dict[str, tuple
     return {quantity: (value, 0.0) for quantity, value in means.items()}
 
 
-def _k(path: Path) -> dict[str, dict[str, float]]:
-    """K by axis, and its mean, by each method of a flow table, in its order."""
+def _flow(path: Path) -> dict[str, dict[str, float]]:
+    """K by axis, its mean and that of the formation factor, by each method of a flow table, in its order."""
     found = {}
     for method, rows in io.read_table(path).groupby("method", sort=False):
-        along = rows.set_index("axis")["k_md"]
-        axes = {f"{a}_md": float(along[a]) for a in "xyz"}
-        found[method] = {"md": float(along[list("xyz")].mean()), **axes}
+        along = rows.set_index("axis").reindex(index=list("xyz"), columns=["k_md", "formation_factor"])
+        k, factor = along.astype(float).to_numpy().T
+        found[method] = {
+            "k_md": float(k.mean()),
+            **{f"k_{axis}_md": float(of) for axis, of in zip("xyz", k, strict=True)},
+            "formation_factor": float(factor.mean()),
+        }
     return found
+
+
+def _fall_ratio(k: Mapping) -> float | None:
+    """K along z, the way the grains fell, over the mean of that along x and y."""
+    return _over(k["k_z_md"], (k["k_x_md"] + k["k_y_md"]) / 2) if k else None
+
+
+def _flow_figures(k: Mapping, k_ref: Mapping) -> dict[str, tuple]:
+    """What one method of flow says, beside the truth by the same one, as far as that was measured."""
+    return {
+        **{quantity: (value, k_ref.get(quantity)) for quantity, value in k.items()},
+        "k_ratio": (_over(k["k_md"], k_ref.get("k_md")), 1.0),
+        "k_z_over_xy": (_fall_ratio(k), _fall_ratio(k_ref)),
+        "f_ratio": (_over(k["formation_factor"], k_ref.get("formation_factor")), 1.0),
+    }
 
 
 def _over(value: float, aim: float | None) -> float | None:
@@ -355,7 +381,9 @@ def _pore_figures(sizes: Mapping, other: Mapping | None) -> dict[str, tuple]:
         "throat_r_um": of(lambda of: of["throat_radius_um"].mean()),
     }
     if other:
-        found["pore_r95_ratio"] = (np.divide(*found["pore_r95_um"]), 1.0)
+        for share in (25, 50, 75, 95):
+            own, aim = (network.pore_radius_quantile(of, share / 100) for of in (sizes, other))
+            found[f"pore_r{share}_ratio"] = (own / aim, 1.0)
         distance = network.pore_size_distance(sizes, other)
         found["w1_pores"] = (distance / network.mean_pore_radius(other), 0.0)
     return found
@@ -412,9 +440,9 @@ def _of_twin(folder: Path, truth: Mapping) -> dict[str, tuple]:
     target = scene["porosity_target"]
     # a target that was held is the truth's; one that the section gave is to be judged by it
     held = truth.get("porosity", target) if scene["porosity_source"].startswith("areal") else target
-    method, k = next(iter(_k(folder / "flow.csv").items()))
+    method, k = next(iter(_flow(folder / "flow.csv").items()))
     k_ref = truth.get("k", {}).get(method, {}) if pd.notna(metrics.get("k_ref_x_md")) else {}
-    k_ratio, seen = _over(k["md"], k_ref.get("md")), section_surface_ratio(folder.parent, truth)
+    k_ratio, seen = _over(k["k_md"], k_ref.get("k_md")), section_surface_ratio(folder.parent, truth)
     sizes = truth.get("sizes") if pd.notna(metrics.get("w1_network_throats_um")) else None
     found: dict[str, tuple] = {
         "porosity": (metrics["porosity"], held),
@@ -422,8 +450,7 @@ def _of_twin(folder: Path, truth: Mapping) -> dict[str, tuple]:
         "porosity_miss": (abs(metrics["porosity"] - target), 0.0),
         "cement_share": (metrics.get("cement_share"), None),
         "surface_ratio": (_surface_ratio(metrics, truth), 1.0),
-        **{f"k_{axis}": (k[axis], k_ref.get(axis)) for axis in k},
-        "k_ratio": (k_ratio, 1.0),
+        **_flow_figures(k, k_ref),
         # at one porosity K goes as the inverse square of the solid's surface by its volume
         "k_at_equal_surface": (k_ratio and seen and k_ratio * seen**2, 1.0),
         "s2_gap": _s2_gap(radial(folder / "s2_volume.csv"), truth),
@@ -436,7 +463,7 @@ def _of_twin(folder: Path, truth: Mapping) -> dict[str, tuple]:
     if "grains" in truth and k_ratio is not None:
         bodies = io.read_table(folder / "bodies.csv")
         bodies["scale"] /= size_factor(io.read_json(folder / "cement.json"))
-        found |= _grain_figures(bodies[bodies["kind"] == "grain"], truth["grains"], k["md"], k_ref["md"])
+        found |= _grain_figures(bodies[bodies["kind"] == "grain"], truth["grains"], k["k_md"], k_ref["k_md"])
         # everything scales with the distance of the grains: K times the 2/3 power of their number does not
         box = (4 / 3 * np.pi * truth["grains"]["r_um"] ** 3).sum() / (1 - held)
         n = metrics["n_grains"] / (np.prod(scene["shape_zyx"]) * scene["voxel_size_um"] ** 3)
@@ -457,7 +484,9 @@ def _grain_figures(bodies: pd.DataFrame, grains: pd.DataFrame, k: float, k_ref: 
         distances.append(scipy.stats.wasserstein_distance(own, true) / true.mean())
         shares.append(len(true))
     r, r_ref = bodies["scale"].mean(), grains["r_um"].mean()
+    sauter, sauter_ref = ((of**3).sum() / (of**2).sum() for of in (bodies["scale"], grains["r_um"]))
     return {
+        "rs_ratio": (sauter / sauter_ref, 1.0),
         "r_mean_ratio": (np.average(ratios, weights=shares), 1.0),
         "w1_f3d": (np.average(distances, weights=shares), 0.0),
         "k_over_r2": (k / r**2, k_ref / r_ref**2),
@@ -468,9 +497,11 @@ def _grain_figures(bodies: pd.DataFrame, grains: pd.DataFrame, k: float, k_ref: 
 def _of_truth(truth: Mapping, held: float) -> dict[str, tuple]:
     if not truth.get("k"):
         return {}
+    k = next(iter(truth["k"].values()))
     return {
         "porosity": (truth["porosity"], held),
-        **{f"k_{axis}": (value, value) for axis, value in next(iter(truth["k"].values())).items()},
+        **{quantity: (value, value) for quantity, value in k.items()},
+        "k_z_over_xy": (_fall_ratio(k), _fall_ratio(k)),
         **{q: (value, value) for q, (value, _) in _pore_figures(truth["sizes"], None).items()},
         **truth["alike"],
     }
@@ -511,13 +542,13 @@ def _of_tomogram(sample: Path) -> dict[str, tuple]:
     folder, truth = sample / "tomogram", _of_references([sample])
     if not truth or not all((folder / name).exists() for name in (*MEASURED, "tomogram.json")):
         return {}
-    about, (method, k) = io.read_json(folder / "tomogram.json"), next(iter(_k(folder / MEASURED[0]).items()))
+    about = io.read_json(folder / "tomogram.json")
+    method, k = next(iter(_flow(folder / MEASURED[0]).items()))
     k_ref = truth["k"].get(method, {})
     return {
         "porosity": (about["porosity"], truth["porosity"]),
         "phantom": (about["phantom"], 0.0),
-        **{f"k_{axis}": (k[axis], k_ref.get(axis)) for axis in k},
-        "k_ratio": (_over(k["md"], k_ref.get("md")), 1.0),
+        **_flow_figures(k, k_ref),
         "s2_gap": _s2_gap(radial(folder / "reference_s2.csv"), truth),
         **_pore_figures(network_sizes(folder / "reference_network"), truth["sizes"]),
         **_of_envelope(folder / ENVELOPE, sample / REFERENCE_ENVELOPE),
