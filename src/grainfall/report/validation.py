@@ -17,7 +17,7 @@ import scipy  # its stats take half a second to load, and do so when they are fi
 
 from grainfall import correlation, io, network, surface
 from grainfall.errors import InputError
-from grainfall.report.tables import t_interval
+from grainfall.report.tables import read_costs, t_interval
 from grainfall.volume import size_factor
 
 COLUMNS = ("case", "variant", "quantity", "unit", "paper", "truth", "mean", "lower", "upper", "n", "sections")
@@ -155,6 +155,9 @@ QUANTITIES: dict[str, Quantity] = {
         "truth, or where they are alike"
     ),
     "s2_windows_excess": Quantity("the same, less the share told from slices of the truth", signed=True),
+    "cpu_s": Quantity("CPU time of a twin, all its jobs", "s"),
+    "first_packing_cpu_s": Quantity("CPU time of its first packing", "s"),
+    "second_packing_cpu_s": Quantity("CPU time of its second packing", "s"),
     "phantom": Quantity("phantom pores: solid taken for pore, share of the solid"),
 }
 QUANTITIES |= {
@@ -459,6 +462,7 @@ def _of_twin(folder: Path, truth: Mapping) -> dict[str, tuple]:
             _circle_tail(folder / "pores2d.csv"),
             _circle_tail(folder.parent / "section_pores2d.csv"),
         ),
+        **_cost_figures(folder),
     }
     if "grains" in truth and k_ratio is not None:
         bodies = io.read_table(folder / "bodies.csv")
@@ -473,6 +477,12 @@ def _of_twin(folder: Path, truth: Mapping) -> dict[str, tuple]:
             "k_at_equal_n": (k_ratio * n_ratio ** (2 / 3), 1.0),
         }
     return found
+
+
+def _cost_figures(folder: Path) -> dict[str, tuple]:
+    costs = read_costs(sorted(folder.glob("benchmarks/*.tsv"))).set_index("rule")["cpu_s"]
+    packings = {f"{rule}_cpu_s": (costs.get(rule), None) for rule in ("first_packing", "second_packing")}
+    return {"cpu_s": (costs.sum(min_count=1), None), **packings}
 
 
 def _grain_figures(bodies: pd.DataFrame, grains: pd.DataFrame, k: float, k_ref: float) -> dict[str, tuple]:
