@@ -73,7 +73,7 @@ def cement(
     rim = 0.0
     if _missing(phase, target) > 0 and phase.any():
         # The rim without the grains around is an upper bound: more solid near by only shortens distances.
-        _, voxels = _shells(phase)
+        voxels = _shells(phase)[1]
         margin = int(np.ceil(np.sqrt(_last_shell(voxels, _missing(phase, target))))) + 1
         wide = tuple(n + 2 * margin for n in shape)
         origin = (-margin * voxel_size_um,) * 3
@@ -134,22 +134,22 @@ def grow_rims(
     reconstructions (Bakke and Øren, SPE Journal 2, 136, 1997, with exponent 0).
     """
     within = tuple(slice(margin, n - margin) for n in phase.shape)
-    grains, owner = phase[within].copy(), body[within].copy()
-    if _missing(grains, target) <= 0 or not phase.any():
-        return grains, owner, 0.0
+    wanted = _missing(phase[within], target)
+    if wanted <= 0 or not phase.any():
+        return phase[within].copy(), body[within].copy(), 0.0
     squared, voxels = _shells(phase, margin)
-    late, last = _left_of_the_last_shell(phase, squared, voxels, _missing(grains, target), margin)
-    squared[late] = np.inf
+    filled, last = _filled(phase, squared, voxels, wanted, margin)
+    del squared  # as large as the bodies, which are to be copied
     reach = int(np.ceil(np.sqrt(last)))
     before = int(np.flatnonzero(voxels[:last])[-1]) if voxels[:last].any() else 0
-    filled = 1 - len(late[0]) / voxels[last]
-    rim = float(np.sqrt(before) + filled * (np.sqrt(last) - np.sqrt(before)))
+    of_last = 1 - (int(voxels[: last + 1].sum()) - wanted) / voxels[last]
+    rim = float(np.sqrt(before) + of_last * (np.sqrt(last) - np.sqrt(before)))
+    grains, owner = phase[within].copy(), body[within].copy()
     for z in range(0, len(grains), SLAB):
         slab = slice(z, z + SLAB)
-        filled = (squared[slab] > 0) & (squared[slab] <= last)
         nearest = _nearest(body, reach + 1, z + margin, min(z + SLAB, len(grains)) + margin)
-        grains[slab][filled] = label
-        owner[slab][filled] = nearest[:, within[1], within[2]][filled]
+        grains[slab][filled[slab]] = label
+        owner[slab][filled[slab]] = nearest[:, within[1], within[2]][filled[slab]]
     return grains, owner, rim
 
 
@@ -182,13 +182,12 @@ def fill_to_surface(phase: np.ndarray, voxel_size_um: float, per_um: float) -> f
         return 0.0
     squared, voxels = _shells(phase)
 
-    def surface(filled: int) -> float:
-        late, last = _left_of_the_last_shell(phase, squared, voxels, filled)
-        pore = squared > last
-        pore[late] = True
-        growth = ((solid + filled) / solid) ** (1 / 3)
+    def surface(wanted: int) -> float:
+        filled, _ = _filled(phase, squared, voxels, wanted)
+        pore = (phase == 0) & ~filled
+        growth = ((solid + wanted) / solid) ** (1 / 3)
         # by the size that the grains have when room is made for their rims
-        return growth * specific_surface(pore, voxel_size_um) * phase.size / (solid + filled)
+        return growth * specific_surface(pore, voxel_size_um) * phase.size / (solid + wanted)
 
     most = pores * 19 // 20
     if surface(0) <= per_um:
@@ -208,11 +207,8 @@ def with_rims(phase: np.ndarray, target: float) -> np.ndarray:
     missing = _missing(phase, target)
     if missing <= 0 or not phase.any():
         return phase > 0
-    squared, voxels = _shells(phase)
-    late, last = _left_of_the_last_shell(phase, squared, voxels, missing)
-    solid = squared <= last
-    solid[late] = False
-    return solid
+    filled, _ = _filled(phase, *_shells(phase), missing)
+    return (phase > 0) | filled
 
 
 def _shells(phase: np.ndarray, margin: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -232,17 +228,49 @@ def _last_shell(voxels: np.ndarray, wanted: int) -> int:
     return int(np.searchsorted(np.cumsum(voxels), wanted))
 
 
-def _left_of_the_last_shell(
+def _filled(
     phase: np.ndarray, squared: np.ndarray, voxels: np.ndarray, wanted: int, margin: int = 0
-) -> tuple[tuple[np.ndarray, ...], int]:
-    """Voxels of the last shell filled that stay pore, and that shell's squared distance."""
-    last = _last_shell(voxels, wanted)
-    edge = np.nonzero(squared == last) if last else ([], [], [])
-    edge = tuple(np.asarray(at, np.int64) for at in edge)
-    even = (SCATTER[:, None] * np.stack(edge).astype(np.uint64)).sum(axis=0) & np.uint64(0xFFFFFFFF)
-    order = np.lexsort((even, -_support(phase, *(at + margin for at in edge))))
+) -> tuple[np.ndarray, int]:
+    """Which voxels within the margin rims fill, and the squared distance of the last shell of them.
+
+    Plane by plane: a shell may have a tenth of all voxels, of which a sort would take many times the memory
+    of the volume.
+    """
+    filled, last = np.zeros(squared.shape, bool), _last_shell(voxels, wanted)
+    if not last:
+        return filled, last
+
+    def of_last(z: int) -> tuple[np.ndarray, np.ndarray]:
+        return np.nonzero(squared[z] == last)
+
+    def even(z: int, *at: np.ndarray) -> np.ndarray:
+        y, x = (along.astype(np.uint64) for along in at)
+        return (SCATTER[0] * np.uint64(z) + SCATTER[1] * y + SCATTER[2] * x).astype(np.uint32)
+
+    support = []
+    for z in range(len(squared)):
+        y, x = of_last(z)
+        support.append(_support(phase, np.full(len(y), z + margin), y + margin, x + margin).astype(np.uint8))
+    # of the least support that is still filled some are, the first of the recurrence
+    number = sum(np.bincount(of_plane, minlength=SUPPORT**3 + 1) for of_plane in support)
+    at_least = np.cumsum(number[::-1])[::-1]
     rest = wanted - int(voxels[:last].sum())
-    return tuple(at[order[rest:]] for at in edge), last
+    least = int(np.flatnonzero(at_least >= rest)[-1])
+    rest -= int(at_least[least] - number[least])
+    among = [even(z, *(at[of == least] for at in of_last(z))) for z, of in enumerate(support)]
+    bound = np.partition(np.concatenate(among), rest - 1)[rest - 1]
+    ties = rest - sum(int(np.count_nonzero(of_plane < bound)) for of_plane in among)
+    for z, of_plane in enumerate(support):
+        np.logical_and(squared[z] > 0, squared[z] < last, out=filled[z])
+        first = among[z] < bound
+        same = np.flatnonzero(among[z] == bound)[:ties]
+        first[same] = True
+        ties -= len(same)
+        taken = of_plane > least
+        taken[of_plane == least] = first
+        y, x = of_last(z)
+        filled[z, y[taken], x[taken]] = True
+    return filled, last
 
 
 def as_minerals(phase: np.ndarray, body: np.ndarray, bodies: pd.DataFrame) -> np.ndarray:

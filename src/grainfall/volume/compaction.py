@@ -75,7 +75,7 @@ def compact(
         return bodies.assign(scale=factor * bodies["scale"])
 
     def at(factor: float) -> tuple[float, float]:
-        phase, _ = voxelise(pressed(factor), library, shape, voxel)
+        phase = voxelise(pressed(factor), library, shape, voxel)[0]
         seen = resample(with_rims(phase, target), voxel, resolution)
         return porosity(phase), solid_surface(seen, resolution).per_um
 
