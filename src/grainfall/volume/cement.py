@@ -110,7 +110,7 @@ def grow_rims(
     Parameters
     ----------
     phase : (nz, ny, nx) uint8
-        0 pore.
+        0 pore. Changed, as ``body`` is: a large region has no room for copies.
     body : (nz, ny, nx) int
         Body id + 1, 0 pore.
     target : float
@@ -123,7 +123,7 @@ def grow_rims(
     Returns
     -------
     phase, body : ndarray
-        Without the margin; cement voxels have ``label`` and the body of the grain nearest to them.
+        Views of them without the margin; cement has ``label`` and the body of the grain nearest to it.
     rim : float
         Thickness, voxels: distance of the last shell filled from the nearest solid voxel, of one that is
         filled in part as much of the way to it; 0 for none.
@@ -136,20 +136,24 @@ def grow_rims(
     within = tuple(slice(margin, n - margin) for n in phase.shape)
     wanted = _missing(phase[within], target)
     if wanted <= 0 or not phase.any():
-        return phase[within].copy(), body[within].copy(), 0.0
+        return phase[within], body[within], 0.0
     squared, voxels = _shells(phase, margin)
     filled, last = _filled(phase, squared, voxels, wanted, margin)
-    del squared  # as large as the bodies, which are to be copied
+    del squared  # as large as the bodies
     reach = int(np.ceil(np.sqrt(last)))
     before = int(np.flatnonzero(voxels[:last])[-1]) if voxels[:last].any() else 0
     of_last = 1 - (int(voxels[: last + 1].sum()) - wanted) / voxels[last]
     rim = float(np.sqrt(before) + of_last * (np.sqrt(last) - np.sqrt(before)))
-    grains, owner = phase[within].copy(), body[within].copy()
-    for z in range(0, len(grains), SLAB):
-        slab = slice(z, z + SLAB)
-        nearest = _nearest(body, reach + 1, z + margin, min(z + SLAB, len(grains)) + margin)
-        grains[slab][filled[slab]] = label
-        owner[slab][filled[slab]] = nearest[:, within[1], within[2]][filled[slab]]
+    grains, owner = phase[within], body[within]
+    slabs = [slice(z, min(z + SLAB, len(grains))) for z in range(0, len(grains), SLAB)]
+    grown = []
+    for slab in slabs:
+        nearest = _nearest(body, reach + 1, slab.start + margin, slab.stop + margin)
+        grown.append(nearest[:, within[1], within[2]][filled[slab]])
+    # no sooner: a rim is no grain on which the next one grows
+    for slab, of in zip(slabs, grown, strict=True):
+        owner[slab][filled[slab]] = of
+    grains[filled] = label
     return grains, owner, rim
 
 
