@@ -249,7 +249,7 @@ NEEDS = needs.Needs.measured()
 SNAKEMAKE_MB = 300  # on a cluster one runs beside a job's script
 STOKES_MB = 600  # `elliptic` and `direct`: 1.2 kB a pore voxel, were every other voxel one; per million voxels
 # What rims take beside the voxels, by million voxels: `make bench-needs` measures twins without.
-RIMS_MB, RIMS_S = 24, 1
+RIMS_MB, RIMS_S = 10, 1
 
 
 def has_rims(rulename, wildcards):
