@@ -1,20 +1,24 @@
 """Overgrowth rims against spheres whose grown volume is known."""
 
 import itertools
+import sys
 import tracemalloc
 from types import SimpleNamespace
+from unittest import mock
 
 import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import ndimage
 
 from grainfall import volume
 from grainfall.surface import solid_surface
 
 LIBRARY = SimpleNamespace(vertices=[], faces=[])
 CEMENT = 3
+rims = sys.modules["grainfall.volume.cement"]  # its name in the package is that of its function
 
 
 def lattice(spacing=32.0, radius=10.0, n=2, around=1):
@@ -111,6 +115,30 @@ def test_rims_take_less_memory_than_the_voxels_twice():
         tracemalloc.stop()
     assert (cemented == CEMENT).mean() == pytest.approx(0.05, abs=1e-5)
     assert peak < 2 * (phase.nbytes + body.nbytes)
+
+
+@pytest.mark.parametrize("scatter", [rims.SCATTER, np.zeros(3, np.uint64)], ids=["apart", "all alike"])
+@given(seed=st.integers(0, 10**6), share=st.floats(0, 1), margin=st.integers(0, 2))
+@settings(max_examples=15, deadline=None)
+def test_rims_fill_what_comes_first_in_one_long_list(scatter, seed, share, margin):
+    """By distance, then solid near by, then the recurrence, then place: sorted as a whole, voxel by voxel."""
+    rng = np.random.default_rng(seed)
+    phase = (ndimage.gaussian_filter(rng.random((12, 11, 14)), 1.5) > 0.5).astype(np.uint8)
+    within = tuple(slice(margin, n - margin) for n in phase.shape)
+    pores = np.argwhere(phase[within] == 0)
+    target = share * len(pores) / phase[within].size
+    distance = ndimage.distance_transform_edt(phase == 0)[within]
+    near = np.pad(phase > 0, 2, mode="edge")
+    near = np.lib.stride_tricks.sliding_window_view(near, (5, 5, 5)).sum(axis=(3, 4, 5))[within]
+    even = (pores.astype(np.uint64) * scatter).sum(axis=1) % np.uint64(2**32)
+    at = tuple(pores.T)
+    order = np.lexsort((even, -near[at].astype(int), np.rint(distance[at] ** 2)))
+    number = len(pores) - round(target * phase[within].size) if phase.any() else 0
+    expected = phase[within].copy()
+    expected[tuple(pores[order[:number]].T)] = CEMENT
+    with mock.patch.object(rims, "SCATTER", scatter):
+        cemented, _, _ = volume.grow_rims(phase, phase.astype(np.int32), target, CEMENT, margin)
+    np.testing.assert_array_equal(cemented, expected)
 
 
 def test_the_last_shell_is_spread_evenly():

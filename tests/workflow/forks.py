@@ -15,6 +15,7 @@ SERVER.set_forkserver_preload(["snakemake.cli", "snakemake.report", "boto3", "gr
 
 
 def _run(arguments, folder, environment, said):
+    """The run itself, in the process that was forked for it."""
     os.chdir(folder)
     os.environ.clear()
     os.environ.update(environment)

@@ -480,6 +480,7 @@ def _of_twin(folder: Path, truth: Mapping) -> dict[str, tuple]:
 
 
 def _cost_figures(folder: Path) -> dict[str, tuple]:
+    """What a twin's jobs took, by their benchmark files."""
     costs = read_costs(sorted(folder.glob("benchmarks/*.tsv"))).set_index("rule")["cpu_s"]
     packings = {f"{rule}_cpu_s": (costs.get(rule), None) for rule in ("first_packing", "second_packing")}
     return {"cpu_s": (costs.sum(min_count=1), None), **packings}
@@ -508,10 +509,10 @@ def _of_truth(truth: Mapping, held: float) -> dict[str, tuple]:
     if not truth.get("k"):
         return {}
     k = next(iter(truth["k"].values()))
+    own = {**k, "k_z_over_xy": _fall_ratio(k)}
     return {
         "porosity": (truth["porosity"], held),
-        **{quantity: (value, value) for quantity, value in k.items()},
-        "k_z_over_xy": (_fall_ratio(k), _fall_ratio(k)),
+        **{quantity: (value, value) for quantity, value in own.items()},
         **{q: (value, value) for q, (value, _) in _pore_figures(truth["sizes"], None).items()},
         **truth["alike"],
     }
