@@ -14,7 +14,7 @@ BEREA ?= $(wildcard ../shared/data/berea/berea_400_pore1.tif)
 export BEREA
 CASES := stereology virtual_spheres virtual_spheres_deep berea xct cv_sweep
 
-.PHONY: setup demo test lint format docs cases validation sweep accuracy accuracy-presets thin-section engines report bench-costs bench-stereology bench-segmentation bench-engines bench-creep bench-packing bench-decomposition bench-overhead bench-needs bench-network bench-permeability paper-scale hard-cases faults verify clean
+.PHONY: setup demo test lint format docs cases validation sweep accuracy accuracy-presets thin-section engines report bench-costs bench-stereology bench-segmentation bench-engines bench-creep bench-packing bench-decomposition bench-structure bench-overhead bench-needs bench-network bench-permeability paper-scale hard-cases faults verify clean
 
 demo: $(VENV)/.ready  ## the embedded demo, to results/summary.csv and results/report.html
 	$(SNAKEMAKE)
@@ -114,6 +114,10 @@ bench-packing: $(VENV)/.ready  ## hours; goes on where it was stopped
 bench-decomposition: $(VENV)/.ready  ## a section's grains too: make bench-decomposition IMAGE=path/to/instances.npz
 	$(BIN)/python tests/benchmarks/decomposition.py $${IMAGE:+--section "$$IMAGE"} \
 		--out results/benchmarks/decomposition.csv
+
+bench-structure: $(VENV)/.ready  ## where twins of a finished case differ from their truths: make bench-structure CASE=virtual_spheres
+	$(BIN)/python tests/benchmarks/pore_structure.py $(or $(CASE),virtual_spheres) $(if $(VARIANT),--variant $(VARIANT)) \
+		--out results/benchmarks/pore_structure.csv
 
 bench-overhead: $(VENV)/.ready  ## what a job costs beside its work
 	$(BIN)/python tests/benchmarks/job_overhead.py

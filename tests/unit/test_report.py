@@ -37,12 +37,12 @@ from grainfall.report import (
     summary_row,
     surface_values,
     sweep_table,
-    tables,
     verdict,
     view3d,
 )
 from grainfall.report.html import Results, _permeability, drawn_grains
-from grainfall.report.tables import headline
+from grainfall.report.judgement import headline
+from grainfall.report.numbers import number
 from grainfall.surface import SolidSurface, sampling_errors
 from grainfall.volume import as_minerals
 
@@ -862,7 +862,7 @@ def test_browser_finds_no_barrier(opened):
     ],
 )
 def test_figures_read_as_a_person_writes_them(value, text):
-    assert tables.number(value) == text
+    assert number(value) == text
     assert figure(text) == (None if value is None else pytest.approx(value, rel=5e-3))
 
 
@@ -890,14 +890,14 @@ def test_browser_sorts_every_table_by_every_column(opened):
     for table in tables:
         heads = table.locator("thead th")
         before = table.locator("tbody").inner_text()
-        for number in range(heads.count()):
-            head = heads.nth(number)
+        for index in range(heads.count()):
+            head = heads.nth(index)
             numeric = "n" in (head.get_attribute("class") or "").split()
             orders = []
             for way in ("ascending", "descending"):
                 head.get_by_role("button").click()
                 assert head.get_attribute("aria-sort") == way
-                texts = column(table, number)
+                texts = column(table, index)
                 if numeric:
                     values = [figure(text) for text in texts]
                     known = [value for value in values if value is not None]

@@ -13,9 +13,9 @@ from scipy import ndimage
 from grainfall import io, surface
 from grainfall.report import paper_figures, save_figure
 from grainfall.report.claims import NOT_RUN, NOT_SHOWN, OPEN, SHOWN, claims, row_of
+from grainfall.report.ensembles import t_interval
 from grainfall.report.figures import note_figure
 from grainfall.report.paper_figures import FIGURES, Cases
-from grainfall.report.tables import t_interval
 from grainfall.report.validation import (
     COLUMNS,
     PAPER,

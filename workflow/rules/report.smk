@@ -113,7 +113,7 @@ rule metrics:
         settings=settings("packing.engine", "flow.methods", "network.coarsen"),
         asked=ASKED,
         science=science(
-            "report.tables", "correlation", "network", "surface", "volume.cement"
+            "report.metrics", "correlation", "network", "surface", "volume.cement"
         ),
     script:
         "../../scripts/metrics.py"
@@ -165,7 +165,7 @@ rule sweep_table:
         runtime=5,
     params:
         parameters=sheet.parameters(CONFIG),
-        science=science("report.tables"),
+        science=science("report.ensembles"),
     script:
         "../../scripts/sweep_table.py"
 

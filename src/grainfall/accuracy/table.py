@@ -10,7 +10,7 @@ import pandas as pd
 
 from grainfall import io
 from grainfall.accuracy.observe import differences
-from grainfall.report.tables import read_costs, t_interval
+from grainfall.report.ensembles import read_costs, t_interval
 
 PRESETS = "preset"
 """The knob whose settings are the presets."""

@@ -1,31 +1,27 @@
-"""The report: tables of what was measured, figures, and one self-contained HTML page that judges the twins.
+"""The report: what was measured, figures, and one self-contained HTML page that judges the twins.
 
-``tables`` needs pandas and SciPy only; matplotlib, plotly and jinja2 are loaded by the modules that draw.
+``metrics``, ``judgement`` and ``ensembles`` need pandas and SciPy only; matplotlib, plotly and jinja2 are
+loaded by the modules that draw.
 """
 
-from grainfall.report.tables import (
+from grainfall.report.ensembles import intervals, paired_differences, read_costs, sweep_table
+from grainfall.report.judgement import Judgement, judge, verdict
+from grainfall.report.metrics import (
     METRICS,
     SUMMARY_COLUMNS,
-    Judgement,
     accuracy_values,
     bodies_within,
     envelope_values,
     flow_values,
-    intervals,
-    judge,
     metrics_table,
     network_values,
     packing_values,
-    paired_differences,
     phase_values,
-    read_costs,
     resettling_values,
     sampling_values,
     section_comparison,
     summary_row,
     surface_values,
-    sweep_table,
-    verdict,
 )
 
 __all__ = [

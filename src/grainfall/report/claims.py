@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from grainfall.report.tables import METRICS, number
+from grainfall.report.metrics import METRICS
+from grainfall.report.numbers import number
 from grainfall.report.validation import BEREA_PUBLISHED_MD
 
 SHOWN, NOT_SHOWN, OPEN, NOT_RUN = "holds", "does not hold", "open", "not run"

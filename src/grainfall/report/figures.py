@@ -24,7 +24,8 @@ from matplotlib.transforms import Affine2D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from grainfall.io import atomic_path
-from grainfall.report.tables import METRICS, number
+from grainfall.report.metrics import METRICS
+from grainfall.report.numbers import number
 
 PORE = "#FFFFFF"
 MINERALS = ("#0072B2", "#E69F00", "#7A7A7A", "#B9B9B9", "#4D4D4D")
@@ -760,7 +761,7 @@ def comparison_figure(summary: pd.DataFrame, intervals: pd.DataFrame) -> Figure:
     summary : DataFrame
         Rows of summary.csv of one sample.
     intervals : DataFrame
-        From :func:`grainfall.report.tables.intervals` on the same rows, by variant and engine.
+        From :func:`grainfall.report.ensembles.intervals` on the same rows, by variant and engine.
     """
     metrics = list(dict.fromkeys(intervals["metric"]))
     columns = 3

@@ -17,7 +17,11 @@ import scipy  # its parts load when they are first used
 from matplotlib.figure import Figure
 
 from grainfall import __version__, io, network
-from grainfall.report import figures, tables, view3d
+from grainfall.report import figures, view3d
+from grainfall.report.ensembles import intervals, paired_differences, read_costs
+from grainfall.report.judgement import headline, judge, verdict
+from grainfall.report.metrics import metric, within
+from grainfall.report.numbers import number
 from grainfall.report.texts import TEXTS
 from grainfall.volume import size_factor
 
@@ -247,7 +251,7 @@ def figure_files(
         rows = _summary(r)
         if rows is None or len(rows) < 2:
             return None
-        return figures.comparison_figure(rows, tables.intervals(rows, COMPARED))
+        return figures.comparison_figure(rows, intervals(rows, COMPARED))
 
     sources = {
         "section": (
@@ -324,7 +328,7 @@ def build_report(
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     )  # fmt: skip
-    loader.filters["number"] = tables.number
+    loader.filters["number"] = number
     page = loader.get_template("report.html.j2").render(
         title=title,
         version=__version__,
@@ -353,7 +357,7 @@ def _sample_part(root: Path, name: str, index: int, variants, realizations) -> d
     judged = []
     for variant, realization in twins:
         metrics = Results(root, name, variant, realization).table("twin:metrics.csv")
-        judgements = tables.judge(metrics, r.phases) if metrics is not None else []
+        judgements = judge(metrics, r.phases) if metrics is not None else []
         judged.append(
             {
                 "variant": variant,
@@ -361,7 +365,7 @@ def _sample_part(root: Path, name: str, index: int, variants, realizations) -> d
                 "anchor": f"sample-{index}-twin-{len(judged)}",
                 "metrics": metrics,
                 "judgements": judgements,
-                "verdict": tables.verdict(judgements),
+                "verdict": verdict(judgements),
             }
         )
     return {
@@ -406,9 +410,9 @@ def _facts(r: Results) -> list[tuple[str, str]]:
     if phase is not None:
         height, width = phase.shape
         pixel = r.pixel_size_um
-        size = f"{tables.number(width * pixel)} × {tables.number(height * pixel)} µm"
-        facts.append(("Section", f"{width} × {height} pixels of {tables.number(pixel)} µm: {size}"))
-        facts.append(("Porosity of the section", tables.number(about.get("porosity", (phase == 0).mean()))))
+        size = f"{number(width * pixel)} × {number(height * pixel)} µm"
+        facts.append(("Section", f"{width} × {height} pixels of {number(pixel)} µm: {size}"))
+        facts.append(("Porosity of the section", number(about.get("porosity", (phase == 0).mean()))))
         counts = np.bincount(phase.ravel(), minlength=len(r.phases))
         shares = [
             f"{p} {counts[i] / max(counts[1:].sum(), 1):.1%}"
@@ -417,7 +421,7 @@ def _facts(r: Results) -> list[tuple[str, str]]:
         ]
         facts.append(("Minerals, shares of the solid", ", ".join(shares)))
     if about.get("n_grains") is not None:
-        facts.append(("Grains in the section", tables.number(about["n_grains"])))
+        facts.append(("Grains in the section", number(about["n_grains"])))
     for key, value in (about.get("notes") or {}).items():
         words = _words(key)
         facts.append((words[:1].upper() + words[1:], _plain(value)))
@@ -426,18 +430,16 @@ def _facts(r: Results) -> list[tuple[str, str]]:
     if twin:
         shape = twin[1]["phase"]
         voxel = float(twin[0]["voxel_size_um"])
-        facts.append(
-            ("Twin", f"{shape[2]} × {shape[1]} × {shape[0]} voxels (x, y, z) of {tables.number(voxel)} µm")
-        )
+        facts.append(("Twin", f"{shape[2]} × {shape[1]} × {shape[0]} voxels (x, y, z) of {number(voxel)} µm"))
         unit = (r.json("twin:first/packing.json") or {}).get("unit_um")
         if unit is not None:
             facts.append(
-                ("Unit of length in the engine", f"{tables.number(unit)} µm, so that a grain is of order 1")
+                ("Unit of length in the engine", f"{number(unit)} µm, so that a grain is of order 1")
             )
         if twin[0].get("seed") is not None:
             facts.append(("Seed", str(twin[0]["seed"])))
     if scene.get("porosity_target") is not None:
-        facts.append(("Porosity asked for", tables.number(scene["porosity_target"])))
+        facts.append(("Porosity asked for", number(scene["porosity_target"])))
     judged = r.path("sample:reference_s2.csv").exists()
     facts.append(("3D reference", "yes" if judged else "none: the section alone judges the twin"))
     return facts
@@ -472,7 +474,7 @@ def _verdicts(judged: list[dict]) -> list[dict]:
         found.append(
             {
                 "variant": variant,
-                "said": tables.headline(met) if met else [],
+                "said": headline(met) if met else [],
                 "twins": twins,
                 "misses": [
                     (
@@ -580,7 +582,7 @@ def _costs(r: Results, twins) -> pd.DataFrame:
         *dict.fromkeys(r.sample / v for v, _ in twins),
         *(r.sample / v / str(n) for v, n in twins),
     ]
-    return tables.read_costs(sorted(f for folder in folders for f in (folder / "benchmarks").glob("*.tsv")))
+    return read_costs(sorted(f for folder in folders for f in (folder / "benchmarks").glob("*.tsv")))
 
 
 def _comparison(summary: pd.DataFrame | None) -> dict | None:
@@ -589,11 +591,11 @@ def _comparison(summary: pd.DataFrame | None) -> dict | None:
         return None
     found = {}
     for name, table in (
-        ("intervals", tables.intervals(summary, COMPARED)),
-        ("differences", tables.paired_differences(summary, COMPARED)),
+        ("intervals", intervals(summary, COMPARED)),
+        ("differences", paired_differences(summary, COMPARED)),
     ):
         table["label"] = [figures.short_label(m) for m in table["metric"]]
-        table["unit"] = ["" if (unit := tables.metric(m).unit) == "1" else unit for m in table["metric"]]
+        table["unit"] = ["" if (unit := metric(m).unit) == "1" else unit for m in table["metric"]]
         order = table["metric"].map({m: i for i, m in enumerate(COMPARED)})
         found[name] = table.iloc[np.argsort(order, kind="stable")].to_dict("records")
     return found
@@ -647,7 +649,7 @@ def gallery(r: Results, count: int = GALLERY) -> list[dict]:
                     "faces": faces,
                     "phase": int(mineral),
                     "masks": [labels[boxes[m - 1]] == m for m in masks],
-                    "words": f"r = {tables.number(row['r2d_um'])} µm",
+                    "words": f"r = {number(row['r2d_um'])} µm",
                 }
             )
     return chosen
@@ -661,7 +663,7 @@ def drawn_grains(r: Results) -> pd.DataFrame | None:
     if bodies is None or twin is None or cement is None:
         return None
     bodies["scale"] /= size_factor(cement)
-    return tables.within(bodies, twin[1]["phase"], float(twin[0]["voxel_size_um"]))
+    return within(bodies, twin[1]["phase"], float(twin[0]["voxel_size_um"]))
 
 
 # ---- helpers
@@ -693,7 +695,7 @@ def _plain(value: object) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, int | float):
-        return tables.number(value)
+        return number(value)
     if isinstance(value, list | tuple):
         return ", ".join(map(_plain, value))
     if isinstance(value, dict):

@@ -17,7 +17,7 @@ import scipy  # its stats take half a second to load, and do so when they are fi
 
 from grainfall import correlation, io, network, surface
 from grainfall.errors import InputError
-from grainfall.report.tables import read_costs, t_interval
+from grainfall.report.ensembles import read_costs, t_interval
 from grainfall.volume import size_factor
 
 COLUMNS = ("case", "variant", "quantity", "unit", "paper", "truth", "mean", "lower", "upper", "n", "sections")

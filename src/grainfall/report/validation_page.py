@@ -14,8 +14,8 @@ from grainfall import __version__, io
 from grainfall.report.claims import claims
 from grainfall.report.figures import NOTE
 from grainfall.report.html import data_uri
+from grainfall.report.numbers import number
 from grainfall.report.paper_figures import FIGURES
-from grainfall.report.tables import number
 from grainfall.report.validation import describe
 
 _WORDS = Path(__file__).with_name("templates") / "validation.yaml"

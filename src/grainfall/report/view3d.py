@@ -13,7 +13,7 @@ import skimage  # its parts load when they are first used
 
 from grainfall.io import CHUNK, Volume
 from grainfall.report.figures import PORE_CIRCLE, mineral_colour
-from grainfall.report.tables import voxel_counts
+from grainfall.report.metrics import voxel_counts
 
 TRIANGLES = 160_000
 """Most triangles of one view; the grid is coarsened until they fit."""

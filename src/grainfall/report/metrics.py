@@ -1,47 +1,16 @@
-"""What was measured against what was asked for: metrics, summary, comparisons, verdicts in plain words."""
+"""What is measured on one twin: the catalogue of metrics, and what each step gives to it."""
 
 from __future__ import annotations
 
-import dataclasses
-import math
-import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 import scipy  # its stats take half a second to load, and do so when they are first used
 
-from grainfall.surface import (
-    Alignment,
-    SolidSurface,
-    alignment,
-    left_open,
-    lies_aligned,
-    ratio_of_sums,
-    sampling_errors,
-)
-
-SUMMARY_COLUMNS = (
-    "sample", "variant", "realization", "engine", "n_grains", "voxel_size_um",
-    "shape_z", "shape_y", "shape_x",
-    "porosity_target", "porosity_first", "porosity_second", "porosity", "flow_method",
-    "k_x_md", "k_y_md", "k_z_md", "k_ref_x_md", "k_ref_y_md", "k_ref_z_md",
-    "s2_inside_envelope", "s2_envelope_p", "w1_grains_um", "w1_pores_um",
-    "max_overlap", "coordination", "rattlers", "wall_s", "peak_rss_mb",
-)  # fmt: skip
-"""Columns of results/summary.csv, in their order."""
-
-SHARES = ("porosity", "porosity_first", "porosity_second", "s2_inside_envelope", "s2_envelope_p", "rattlers")
-"""Columns of summary.csv between 0 and 1."""
-POROSITY_TOLERANCE = 0.0005
-"""Allowed distance of the twin's porosity from the section's where the correction is on."""
-CORRECTION_LIMIT = 0.01
-"""Largest porosity difference that the final position scaling may close."""
-PERMEABILITY_TOLERANCE = 0.10
-"""Relative distance from the reference (same method) up to which a permeability counts as met."""
+from grainfall.report.numbers import as_float
+from grainfall.surface import SolidSurface, alignment, ratio_of_sums, sampling_errors
 
 
 @dataclass(frozen=True)
@@ -155,7 +124,7 @@ def metric(name: str) -> Metric:
         index = name.removeprefix(prefix).removesuffix(suffix)
         if name.startswith(prefix) and name.endswith(suffix) and index.isdigit():
             return Metric(label.format(index), unit, source)
-    raise KeyError(f"unknown metric {name!r}: name it in grainfall.report.tables.METRICS")
+    raise KeyError(f"unknown metric {name!r}: name it in grainfall.report.metrics.METRICS")
 
 
 def metrics_table(values: Mapping[str, object]) -> pd.DataFrame:
@@ -178,8 +147,19 @@ def metrics_table(values: Mapping[str, object]) -> pd.DataFrame:
     for name, entry in values.items():
         value, lower, upper = entry if isinstance(entry, tuple | list) else (entry, None, None)
         known = metric(name)
-        rows.append((name, _number(value), known.unit, _number(lower), _number(upper), known.source))
+        rows.append((name, as_float(value), known.unit, as_float(lower), as_float(upper), known.source))
     return pd.DataFrame(rows, columns=["metric", "value", "unit", "lower", "upper", "source"])
+
+
+SUMMARY_COLUMNS = (
+    "sample", "variant", "realization", "engine", "n_grains", "voxel_size_um",
+    "shape_z", "shape_y", "shape_x",
+    "porosity_target", "porosity_first", "porosity_second", "porosity", "flow_method",
+    "k_x_md", "k_y_md", "k_z_md", "k_ref_x_md", "k_ref_y_md", "k_ref_z_md",
+    "s2_inside_envelope", "s2_envelope_p", "w1_grains_um", "w1_pores_um",
+    "max_overlap", "coordination", "rattlers", "wall_s", "peak_rss_mb",
+)  # fmt: skip
+"""Columns of results/summary.csv, in their order."""
 
 
 def summary_row(
@@ -206,7 +186,13 @@ def summary_row(
         Method behind the k columns.
     """
     row: dict[str, object] = dict.fromkeys(SUMMARY_COLUMNS)
-    row.update({name: _number(value) for name, value in _by_name(metrics).items() if name in row})
+    row.update(
+        {
+            name: as_float(value)
+            for name, value in zip(metrics["metric"], metrics["value"], strict=True)
+            if name in row
+        }
+    )
     row.update(
         sample=sample, variant=variant, realization=int(realization), engine=engine,
         voxel_size_um=float(voxel_size_um), flow_method=flow_method,
@@ -216,28 +202,7 @@ def summary_row(
     return table.astype({"n_grains": "Int64"})
 
 
-# ---- pieces of the metrics
-
-
-def sweep_table(summary: pd.DataFrame, parameters: Mapping[str, Mapping]) -> pd.DataFrame:
-    """What came of every combination of parameters: the summary, with the parameters ahead.
-
-    Parameters
-    ----------
-    summary : DataFrame
-        Columns :data:`SUMMARY_COLUMNS`: a row a twin.
-    parameters : mapping
-        Variant to the values of its dotted config keys; None where the config does not give one.
-
-    Returns
-    -------
-    DataFrame
-        A row a twin: sample, variant, realization, the dotted keys, then the other columns of the summary.
-    """
-    keys = list(dict.fromkeys(key for values in parameters.values() for key in values))
-    given = pd.DataFrame.from_dict(dict(parameters), orient="index", columns=keys)
-    names = ["sample", "variant", "realization"]
-    return summary[names].join(given, on="variant").join(summary.drop(columns=names))
+# ---- what each step gives
 
 
 def packing_values(
@@ -378,6 +343,15 @@ def section_comparison(
     for shape in ("aspect_ratio", "circularity", "solidity"):
         compare(f"w1_{shape}", section_grains, twin_grains, shape)
     return found
+
+
+def _weighted(table: pd.DataFrame | None, column: str) -> tuple[np.ndarray, np.ndarray] | None:
+    if table is None or column not in table:
+        return None
+    used = table[(table["weight"] > 0) & table[column].notna()]
+    if used.empty:
+        return None
+    return used[column].to_numpy(float), used["weight"].to_numpy(float)
 
 
 def flow_values(
@@ -566,371 +540,3 @@ def accuracy_values(asked: Mapping, errors: Mapping[str, float]) -> dict[str, ob
         "accuracy_error": None if error is None else abs(error),
         "accuracy_error_target": (asked["expected"], 0.0, asked["tolerance"]),
     }
-
-
-# ---- judgement
-
-
-class Judgement(NamedTuple):
-    """One metric against its target, in words a reader needs no key for."""
-
-    metric: str
-    value: float | None
-    target: str
-    words: str
-    status: str
-    """met, missed, reported (no target) or not computed."""
-    label: str
-    unit: str
-    lower: float | None
-    upper: float | None
-
-
-def judge(metrics: pd.DataFrame, phases: Sequence[str] = ()) -> list[Judgement]:
-    """Hold every metric of one twin against its target.
-
-    Parameters
-    ----------
-    metrics : DataFrame
-        As :func:`metrics_table` gives it. A row ``<metric>_target`` is the target of ``<metric>``, its bounds
-        the accepted interval; ``k_ref_*`` rows are the targets of ``k_*``; other bounds are in
-        :data:`METRICS`.
-    phases : sequence of str
-        Names of the phases, index 0 the pore; minerals are numbered without them.
-    """
-    rows = {r.metric: r for r in metrics.itertuples()}
-    verdicts = []
-    for name, row in rows.items():
-        if name.endswith("_target") or name.startswith("k_ref_"):
-            continue
-        known, value = metric(name), _number(row.value)
-        mineral = re.search(r"mineral (\d+)", known.label)
-        if mineral and int(mineral[1]) < len(phases):
-            label = known.label.replace(mineral[0], phases[int(mineral[1])])
-            known = dataclasses.replace(known, label=label)
-        target, words, status = _verdict(name, known, value, rows)
-        verdicts.append(
-            Judgement(name, value, target, words, status, known.label, known.unit,
-                      _number(row.lower), _number(row.upper))
-        )  # fmt: skip
-    return verdicts
-
-
-def _verdict(name: str, known: Metric, value: float | None, rows: Mapping) -> tuple[str, str, str]:
-    target = rows.get(f"{name}_target")
-    aim = _number(target.value) if target else None
-    low, high = (_number(target.lower), _number(target.upper)) if target else (known.low, known.high)
-    if name == "porosity" and aim is not None and low is None:
-        low, high = aim - POROSITY_TOLERANCE, aim + POROSITY_TOLERANCE
-    if name.startswith("k_") and name.replace("k_", "k_ref_") in rows:
-        aim = _number(rows[name.replace("k_", "k_ref_")].value)
-        if aim is not None:
-            low, high = (1 - PERMEABILITY_TOLERANCE) * aim, (1 + PERMEABILITY_TOLERANCE) * aim
-    wanted = _wanted(name, aim, low, high)
-    if value is None:
-        return wanted, "not computed", "not computed"
-    shown = number(value)
-    if low is None and high is None:
-        words = "nothing flows through: K = 0" if name.startswith("k_") and value == 0 else "reported"
-        return wanted, words, "reported"
-    # bounds are met up to rounding, so that 0.31 ± 0.0005 does not fail on its last binary digit
-    slack = 1e-9 * max(abs(b) for b in (low, high, value) if b is not None)
-    if (low is None or value >= low - slack) and (high is None or value <= high + slack):
-        return wanted, "met", "met"
-    if name == "porosity":
-        gap = abs(value - aim)
-        why = (
-            f"target not reachable by this plan, nearest {shown}"
-            if gap > CORRECTION_LIMIT
-            else f"off by {number(gap, 2)}, within reach of the final scaling of positions, which is off"
-        )
-        digits = 3 if gap > CORRECTION_LIMIT else 5
-        return wanted, f"porosity {number(value, digits)} misses {number(aim, digits)}: {why}", "missed"
-    if name.startswith("k_"):
-        how = "nothing flows through the twin" if value == 0 else _relative(value, aim)
-        return wanted, f"{known.label} {shown} mD misses {number(aim)} mD: {how}", "missed"
-    if name.startswith("w1_"):
-        unit = "" if known.unit == "1" else f" {known.unit}"
-        of = "reference" if name.startswith("w1_network") else "section"
-        what = known.label.removesuffix(f", distance to the {of}")
-        words = f"{what}: {shown}{unit} from the {of}, where chance explains {number(high)}{unit}"
-        return wanted, words, "missed"
-    if name == "solid_surface_per_um":
-        change = value / aim - 1
-        words = f"{abs(change):.0%} {'more' if change > 0 else 'less'} surface than the section's solid has"
-        return wanted, f"{words}: beyond two standard errors", "missed"
-    if name.startswith("phase_fraction_"):
-        return wanted, f"{known.label} {shown} misses {number(aim)}: beyond two standard errors", "missed"
-    below = low is not None and value < low
-    bound = f"below {number(low)}" if below else f"above {number(high)}"
-    # a label may end in what the figure is a share of, or counted in
-    what, comma, of = known.label.rpartition(", ")
-    return wanted, f"{what}: {shown} {of}, {bound}" if comma else f"{of}: {shown}, {bound}", "missed"
-
-
-def _wanted(name: str, aim: float | None, low: float | None, high: float | None) -> str:
-    if name.startswith("w1_") and high is not None:
-        return f"at most {number(high)} (chance)"
-    if aim is not None and low is not None and high is not None:
-        return f"{number(aim, 4)} ({number(low, 4)} to {number(high, 4)})"
-    if aim is not None:
-        return number(aim)
-    if low is not None:
-        return f"at least {number(low)}"
-    return f"at most {number(high)}" if high is not None else ""
-
-
-def _relative(value: float, aim: float | None) -> str:
-    if not aim:
-        return "the reference does not conduct"
-    change = value / aim - 1
-    if abs(change) < 0.005:
-        return "within 1% of the reference"
-    return f"{abs(change):.0%} {'above' if change > 0 else 'below'} the reference"
-
-
-def verdict(judgements: Sequence[Judgement]) -> str:
-    """One sentence over all judgements of a twin."""
-    judged = [j for j in judgements if j.status in ("met", "missed")]
-    missed = [j for j in judged if j.status == "missed"]
-    if not judged:
-        return "No metric with a target has been computed yet."
-    if not missed:
-        return f"{len(judged)} of {len(judged)} targets are met."
-    return f"{len(judged) - len(missed)} of {len(judged)} targets are met, {len(missed)} missed."
-
-
-FEW_VOXELS = 8
-"""Voxels across the mean grain below which a twin's figures are the grid's: the porosity of spheres is off by
-0.034 at 4, by 0.007 at 8 (``make accuracy``)."""
-
-
-def headline(tables: Sequence[pd.DataFrame]) -> list[str]:
-    """What the twins of one variant are like, in sentences; figures are means over realizations.
-
-    Parameters
-    ----------
-    tables : sequence of DataFrame
-        metrics.csv of each realization.
-    """
-    mean = pd.concat(tables).groupby("metric")["value"].mean()
-
-    def of(name: str) -> float | None:
-        return _number(mean.get(name))
-
-    said = []
-    if of("porosity") is not None:
-        aim = "" if of("porosity_target") is None else f", {number(of('porosity_target'))} was asked for"
-        first = (
-            "" if of("porosity_first") is None else f"; grains alone poured to {number(of('porosity_first'))}"
-        )
-        said.append(f"Porosity is {number(of('porosity'))}{aim}{first}.")
-    k = [of(f"k_{a}_md") for a in "xyz"]
-    if all(v is not None for v in k):
-        reference = [of(f"k_ref_{a}_md") for a in "xyz"]
-        against = ""
-        if all(reference):
-            against = f", {_relative(sum(k) / sum(reference), 1.0)} by the same method on average"
-            if of("porosity_ref") is not None:
-                against += f" (the reference is {number(of('porosity_ref'))} porous)"
-        blocked = "" if all(k) else " (0: nothing percolates)"
-        said.append(f"Permeability along x, y, z is {', '.join(map(number, k))} mD{blocked}{against}.")
-    if of("k_sampling_error") is not None:
-        said.append(f"{left_open(of('k_sampling_error'), of('porosity_sampling_error'))}.")
-    if of("section_alignment") is not None:
-        lies = Alignment(*map(of, ("section_alignment", "section_alignment_deg", "section_alignment_p")))
-        said += [f"{words}." for words in [lies_aligned(lies)] if words]
-    across, joined = of("voxels_per_grain"), of("network_coarsen") or 1
-    if across is not None and across < FEW_VOXELS:
-        said.append(
-            f"A mean grain is {number(across, 2)} voxels across: fewer than {FEW_VOXELS} close pores or join "
-            "them, and porosity and permeability are off by that (scene.voxel_size_um)."
-        )
-    elif across is not None and across / joined < FEW_VOXELS:
-        said.append(
-            f"Network and flow see {number(across / joined, 2)} voxels across a mean grain: fewer than "
-            f"{FEW_VOXELS} close pores or join them, and permeability is off by that (network.coarsen)."
-        )
-    inside, p = of("s2_inside_envelope"), of("s2_envelope_p")
-    if inside is not None:
-        said.append(
-            f"The section's S₂ lies inside the cloud of the twins' slices at {inside:.0%} of the lags."
-        )
-    if p is not None:
-        level = METRICS["s2_envelope_p"].low
-        can, told = "cannot" if p >= level else "can", of("s2_windows_rejected")
-        test = f"envelope test, p = {number(p, 2)}"
-        if told is not None:
-            test = (
-                f"envelope test of its middle window, p = {number(p, 2)}; of all its windows {told:.0%} "
-                f"are told, where {level:.0%} would be if they were alike"
-            )
-        said.append(f"By S₂ the section {can} be told from a slice of the twins ({test}).")
-    return said
-
-
-# ---- realizations and costs
-
-
-def intervals(
-    summary: pd.DataFrame, columns: Sequence[str], by: Sequence[str] = ("sample", "variant", "engine")
-) -> pd.DataFrame:
-    """Mean and 95 % interval over realizations.
-
-    Student's t; of permeabilities that of their logarithms, carried back, since they scatter by factors.
-    Bounds stay where the figure can lie: none is negative, shares are at most 1. Two realizations would give
-    twelve times their standard error: theirs is the range of the two.
-
-    Parameters
-    ----------
-    summary : DataFrame
-        Rows of summary.csv.
-    columns : sequence of str
-        Figures to average; absent and empty ones are left out.
-    by : sequence of str
-        Columns that name an ensemble.
-
-    Returns
-    -------
-    DataFrame
-        ``by`` columns, metric, n, mean, lower, upper (NaN bounds for a single realization, the range of two).
-    """
-
-    def bounded(name: str, values: np.ndarray) -> tuple[int, float, float, float]:
-        n, mean, lower, upper = t_interval(values)
-        if n == 2:
-            lower, upper = values.min(), values.max()
-        elif name.startswith("k_") and values.min() > 0:
-            lower, upper = np.exp(t_interval(np.log(values))[2:])
-        return n, mean, *np.clip([lower, upper], 0, 1 if name in SHARES else np.inf).tolist()
-
-    rows = []
-    for key, group in summary.groupby(list(by), sort=False, dropna=False):
-        for column in columns:
-            values = pd.to_numeric(group[column], errors="coerce").dropna() if column in group else []
-            if len(values):
-                rows.append((*key, column, *bounded(column, values.to_numpy(float))))
-    return pd.DataFrame(rows, columns=[*by, "metric", "n", "mean", "lower", "upper"])
-
-
-def paired_differences(
-    summary: pd.DataFrame, columns: Sequence[str], baseline: str | None = None
-) -> pd.DataFrame:
-    """Differences to the baseline variant, paired by realization (variants share their random numbers).
-
-    Parameters
-    ----------
-    summary : DataFrame
-        Rows of summary.csv.
-    columns : sequence of str
-    baseline : str, optional
-        Variant to compare with; the first one of each sample if omitted.
-
-    Returns
-    -------
-    DataFrame
-        sample, variant, baseline, metric, n, mean, lower, upper, differs (the 95 % interval excludes 0; empty
-        for a single pair).
-    """
-    rows = []
-    for sample, group in summary.groupby("sample", sort=False):
-        names = list(dict.fromkeys(group["variant"]))
-        base = baseline if baseline in names else names[0]
-        tables = {n: group[group["variant"] == n].set_index("realization") for n in names}
-        for name in (n for n in names if n != base):
-            for column in (c for c in columns if c in group):
-                pair = pd.concat(
-                    [pd.to_numeric(tables[n][column], errors="coerce") for n in (name, base)], axis=1
-                ).dropna()
-                if len(pair):
-                    difference = (pair.iloc[:, 0] - pair.iloc[:, 1]).to_numpy(float)
-                    n, mean, lower, upper = t_interval(difference)
-                    differs = None if math.isnan(lower) else bool(lower > 0 or upper < 0)
-                    rows.append((sample, name, base, column, n, mean, lower, upper, differs))
-    columns_out = ["sample", "variant", "baseline", "metric", "n", "mean", "lower", "upper", "differs"]
-    return pd.DataFrame(rows, columns=columns_out)
-
-
-def t_interval(values: np.ndarray) -> tuple[int, float, float, float]:
-    """Number, mean and 95 % Student-t interval of a sample; the bounds of a single value are NaN."""
-    n, mean = len(values), float(values.mean())
-    if n < 2:
-        return n, mean, math.nan, math.nan
-    half = scipy.stats.t.ppf(0.975, n - 1) * values.std(ddof=1) / math.sqrt(n)
-    return n, mean, mean - half, mean + half
-
-
-def read_costs(files: Iterable[str | Path]) -> pd.DataFrame:
-    """Seconds and memory per rule from Snakemake benchmark files.
-
-    Parameters
-    ----------
-    files : iterable of path
-        ``<rule>.tsv`` files, at any depth; the file name is the rule's.
-
-    Returns
-    -------
-    DataFrame
-        rule, jobs, wall_s (sum), longest_s, cpu_s (sum), peak_rss_mb (largest), longest total first.
-    """
-    frames = []
-    for file in map(Path, files):
-        table = pd.read_csv(file, sep="\t", na_values=["-"])
-        if {"s", "max_rss"} <= set(table.columns):
-            # the parts of a scattered rule count as one rule: s2_slices_3-of-4 → s2_slices
-            frames.append(table.assign(rule=re.sub(r"_\d+-of-\d+$", "", file.stem)))
-    if not frames:
-        return pd.DataFrame(columns=["rule", "jobs", "wall_s", "longest_s", "cpu_s", "peak_rss_mb"])
-    table = pd.concat(frames, ignore_index=True)
-    if "cpu_time" not in table:
-        table["cpu_time"] = np.nan
-    costs = table.groupby("rule", as_index=False).agg(
-        jobs=("s", "size"), wall_s=("s", "sum"), longest_s=("s", "max"),
-        cpu_s=("cpu_time", lambda c: c.sum(min_count=1)), peak_rss_mb=("max_rss", "max"),
-    )  # fmt: skip
-    return costs.sort_values(["wall_s", "rule"], ascending=[False, True], ignore_index=True)
-
-
-# ---- helpers
-
-RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-"""Digits of an exponent."""
-
-
-def number(value: float | None, digits: int = 3) -> str:
-    """A figure for a reader: ``digits`` significant digits; empty if missing."""
-    value = _number(value)
-    if value is None:
-        return ""
-    sign, size = ("\u2212" if value < 0 else ""), abs(value)
-    if size == 0:
-        return "0"
-    if not 1e-4 <= size < 1e7:
-        mantissa, exponent = f"{size:.{digits - 1}e}".split("e")
-        return f"{sign}{mantissa}·10{str(int(exponent)).translate(RAISED)}"
-    if size.is_integer():
-        return sign + f"{int(size):,}".replace(",", "\u202f")
-    text = f"{size:,.{max(0, digits - 1 - math.floor(math.log10(size)))}f}"
-    if "." in text and float(text.replace(",", "")) == size:
-        text = text.rstrip("0")  # 0.05 is 0.05, not 0.0500
-    return sign + text.replace(",", "\u202f")
-
-
-def _number(value: object) -> float | None:
-    if value is None or value is pd.NA:
-        return None
-    value = float(value)
-    return None if math.isnan(value) else value
-
-
-def _by_name(metrics: pd.DataFrame) -> dict[str, float]:
-    return dict(zip(metrics["metric"], metrics["value"], strict=True))
-
-
-def _weighted(table: pd.DataFrame | None, column: str) -> tuple[np.ndarray, np.ndarray] | None:
-    if table is None or column not in table:
-        return None
-    used = table[(table["weight"] > 0) & table[column].notna()]
-    if used.empty:
-        return None
-    return used[column].to_numpy(float), used["weight"].to_numpy(float)
