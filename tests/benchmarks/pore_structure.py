@@ -6,7 +6,8 @@ voids open have come to lie, and how second packings met the porosity.
 
     python tests/benchmarks/pore_structure.py CASE [--variant full] [--results results] [--out FILE]
 
-CASE is a case of synthetic truths (config/cases), of which samples with twins and reference cubes are taken.
+CASE is a case of synthetic truths, by its name in config/cases or by its config, of which samples with twins
+and reference cubes are taken.
 Columns: quantity, truth, twins, difference, lower, upper, ratio, ratio_lower, ratio_upper, twins_n, cubes_n,
 sections. Twins and cubes of one section are averaged first; intervals (95 %) are over sections.
 """
@@ -24,6 +25,7 @@ from scipy.ndimage import distance_transform_edt as distance
 from scipy.spatial.transform import Rotation
 
 from grainfall import config, grains, io, morphology
+from grainfall.errors import InputError
 from grainfall.report.ensembles import t_interval
 from grainfall.report.validation import CUBES, network_sizes
 
@@ -76,7 +78,7 @@ def voids(pore: np.ndarray, voxel_um: float, radius_um: float) -> dict[str, floa
     wide = np.pad(pore, rim, mode="reflect")
     opened = distance(~(distance(wide) >= radius_um / voxel_um)) <= radius_um / voxel_um
     opened &= wide
-    away = (distance(~opened) * voxel_um)[inside]
+    away = (distance(~opened) * voxel_um if opened.any() else np.full(wide.shape, np.nan))[inside]
     opened = opened[inside]
     volume = np.bincount(skimage.measure.label(opened, connectivity=1).ravel())[1:] * voxel_um**3
     found = {
@@ -87,16 +89,17 @@ def voids(pore: np.ndarray, voxel_um: float, radius_um: float) -> dict[str, floa
     }
     # faces of voxels overstate a surface by 3/2 whichever way it lies
     by_faces = 2 / 3 / voxel_um
-    faces = np.zeros(len(AROUND_UM) - 1)
+    every, faces = 0, np.zeros(len(AROUND_UM) - 1)
     for axis in range(3):
         here, there = np.s_[: len(pore) - 1], np.s_[1:]
         at = (np.s_[:],) * axis
         differ = pore[(*at, here)] != pore[(*at, there)]
+        every += differ.sum()
         faces += np.histogram(np.maximum(away[(*at, here)], away[(*at, there)])[differ], AROUND_UM)[0]
+    found["surface in the volume by faces of voxels, 1/µm"] = every * by_faces / pore.size
     outside = ~opened
     among = np.histogram(away[outside], AROUND_UM)[0]
     open_share = np.histogram(away[outside & pore], AROUND_UM)[0] / np.maximum(among, 1)
-    found["surface in the volume by faces of voxels, 1/µm"] = faces.sum() * by_faces / pore.size
     for low, high, of_pores, count, near in zip(
         AROUND_UM, AROUND_UM[1:], open_share, among, faces, strict=False
     ):
@@ -130,11 +133,13 @@ def _second_moments(library: grains.Library, shape: int) -> np.ndarray:
 
 def second_packing(folder: Path) -> dict[str, float]:
     """How the porosity was met."""
-    packing = io.read_json(folder / "second/packing.json")
-    last = packing["passes"][-1]
+    passes = io.read_json(folder / "second/packing.json")["passes"]
+    if not passes:  # the first packing had it already
+        return {}
+    last = passes[-1]
     return {
-        "passes of the second packing": len(packing["passes"]),
-        "share of second packings met in one pass": float(len(packing["passes"]) == 1),
+        "passes of the second packing": len(passes),
+        "share of second packings met in one pass": float(len(passes) == 1),
         "share of second packings with friction lubricated": float(last["lubrication"] < 1),
         "share of second packings whose region was moved": float(np.any(last["moved_um"])),
     }
@@ -163,8 +168,8 @@ def section(sample: Path, variant: str) -> tuple[list[dict], list[dict]]:
     scene = io.read_json(sample / variant / "scene.json")
     edge = np.array(scene["shape_zyx"][::-1]) * scene["voxel_size_um"]
     twins = []
-    for metrics in sorted((sample / variant).glob("*/metrics.csv")):
-        twin = metrics.parent
+    for pores_of in sorted((sample / variant).glob("*/network_pores.csv")):
+        twin = pores_of.parent
         found = volume(twin / "twin.zarr.zip", "phase", twin / "network", radius)
         twins.append({**found, **lie(twin, library, edge), **second_packing(twin)})
     return cubes, twins
@@ -187,6 +192,8 @@ def compare(sections: Iterable[tuple[list[dict], list[dict]]]) -> pd.DataFrame:
     own = interval(twins)
     alone = truth.isna().all().to_numpy()  # with no truth beside them the interval is the twins'
     difference[alone, 1:] = own[alone, 1:]
+    shares = alone & twins.columns.str.startswith("share")
+    difference[shares, 1:] = difference[shares, 1:].clip(0, 1)
     return pd.DataFrame(
         {
             "quantity": twins.columns, "truth": truth.mean().to_numpy(), "twins": own[:, 0],
@@ -205,17 +212,19 @@ def main() -> None:
     parser.add_argument("--results", type=Path, default=Path("results"))
     parser.add_argument("--out", type=Path, default=Path("results/benchmarks/pore_structure.csv"))
     arguments = parser.parse_args()
-    study = config.load_yaml(HOUSE / f"config/cases/{arguments.case}.yaml")
+    own = HOUSE / f"config/cases/{arguments.case}.yaml"
+    try:
+        study = config.load_yaml(own if own.exists() else arguments.case)
+    except InputError as fault:
+        parser.error(str(fault))
     found = []
     for name in study["samples"]:
         sample = arguments.results / name
-        if any((sample / arguments.variant).glob("*/metrics.csv")):
+        if any((sample / arguments.variant).glob("*/network_pores.csv")):
             found.append(section(sample, arguments.variant))
             print(f"{name}: {len(found[-1][0])} cubes, {len(found[-1][1])} twins", flush=True)
     if not found:
-        parser.error(
-            f"no finished twins of {arguments.case} in {arguments.results}; make case-{arguments.case} first"
-        )
+        parser.error(f"no finished twins of {arguments.case} in {arguments.results}: run the case first")
     table = compare(found)
     io.write_table(arguments.out, table)
     print(table.to_string(index=False, float_format=lambda value: f"{value:.4g}"))

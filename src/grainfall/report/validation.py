@@ -72,7 +72,7 @@ ENVELOPE, REFERENCE_ENVELOPE = "s2_envelope.json", "reference_envelope.json"
 NEARER = {
     "no_inversion": ("w1_f3d",),
     "touching": ("surface_ratio", "k_ratio"),
-    "round": ("pore_r95_ratio", "k_ratio"),
+    "round": ("pore_r95_ratio", "w1_pores", "k_ratio"),
     "tomogram": ("s2_gap", "w1_pores", "k_ratio"),
 }
 """What the full method is to come nearer to the truth in than these variants do."""
