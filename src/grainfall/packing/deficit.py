@@ -42,8 +42,9 @@ def plan_deficit(
     loose as those between, spheres have the radii of voids alone: none loosens what is loose enough.
 
     Where the section's grains have grown together, cement is to take the surface that a packing has beyond
-    theirs, and the packings aim above the target by what it will fill; above what grains pour to only where
-    the target is, too, since nothing but spheres would open the bed so far.
+    theirs, and the packings aim above the target by what it will fill. Spheres open the bed for that, too,
+    but not in a rock that is denser than its grains pour to: that was compacted, and rims fill what room
+    there is.
 
     Parameters
     ----------
@@ -81,8 +82,8 @@ def plan_deficit(
     """
     target_porosity = scene["porosity_target"]
     wanted = overgrowth.porosity_before(target_porosity, porosity_first)
-    if target_porosity <= porosity_first + limit:
-        wanted = min(wanted, max(target_porosity, porosity_first))
+    if target_porosity < porosity_first - limit:
+        wanted = min(wanted, porosity_first)
     fill = wanted - target_porosity
     rims = decide(
         cement,
