@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +28,7 @@ from scipy.spatial.transform import Rotation
 from grainfall import config, grains, io, morphology
 from grainfall.errors import InputError
 from grainfall.report.ensembles import t_interval
-from grainfall.report.validation import CUBES, network_sizes
+from grainfall.report.validation import CUBES, network_sizes, slice_porosities
 
 HOUSE = Path(__file__).resolve().parents[2]
 BANDS_UM = (0, 10, 15, 20, 30, 40, np.inf)
@@ -35,9 +36,9 @@ BANDS_UM = (0, 10, 15, 20, 30, 40, np.inf)
 LARGE_UM = 25
 AROUND_UM = (0, 8, 15, 25, 40, 70, np.inf)
 """Distances from a void."""
-KINDS = {"grain": "grains", "virtual": "virtual spheres"}
 PARTS = (16, 8, 4)
 """A region is cut into cubes of so many a side to see how evenly porosity lies."""
+KINDS = {"grain": "grains", "virtual": "virtual spheres"}
 
 
 def between(low: float, high: float) -> str:
@@ -52,7 +53,7 @@ def pores(stem: Path, size_um3: float) -> dict[str, float]:
     shares = np.histogram(radius, BANDS_UM, weights=volume / volume.sum())[0]
     found = {
         f"share of the pore volume, pores {between(low, high)}": share
-        for low, high, share in zip(BANDS_UM, BANDS_UM[1:], shares, strict=False)
+        for (low, high), share in zip(pairwise(BANDS_UM), shares, strict=True)
     }
     large = radius > LARGE_UM
     found[f"share of the pore volume, pores beyond {LARGE_UM} µm"] = volume[large].sum() / volume.sum()
@@ -62,12 +63,12 @@ def pores(stem: Path, size_um3: float) -> dict[str, float]:
 
 def evenness(pore: np.ndarray, voxel_um: float) -> dict[str, float]:
     """Scatter of the porosity between planes, and between cubes of some edges."""
-    planes = [pore.mean(axis=tuple({0, 1, 2} - {axis})).std() for axis in range(3)]
-    found = {"scatter of the porosity of planes": float(np.mean(planes))}
+    planes = slice_porosities(~pore).reshape(3, -1)
+    found = {"scatter of the porosity of planes": planes.std(axis=1).mean()}
     for parts in PARTS:
         n = len(pore) // parts
-        cubes = pore[: parts * n, : parts * n, : parts * n].reshape(parts, n, parts, n, parts, n)
-        found[f"scatter of the porosity of cubes of {n * voxel_um:g} µm"] = cubes.mean(axis=(1, 3, 5)).std()
+        cubes = skimage.measure.block_reduce(pore[(slice(parts * n),) * 3], n, np.mean)
+        found[f"scatter of the porosity of cubes of {n * voxel_um:g} µm"] = cubes.std()
     return found
 
 
@@ -76,8 +77,7 @@ def voids(pore: np.ndarray, voxel_um: float, radius_um: float) -> dict[str, floa
     rim = int(np.ceil(radius_um / voxel_um)) + 2
     inside = (slice(rim, -rim),) * 3
     wide = np.pad(pore, rim, mode="reflect")
-    opened = distance(~(distance(wide) >= radius_um / voxel_um)) <= radius_um / voxel_um
-    opened &= wide
+    opened = morphology.voids(wide, radius_um / voxel_um)
     away = (distance(~opened) * voxel_um if opened.any() else np.full(wide.shape, np.nan))[inside]
     opened = opened[inside]
     volume = np.bincount(skimage.measure.label(opened, connectivity=1).ravel())[1:] * voxel_um**3
@@ -100,9 +100,7 @@ def voids(pore: np.ndarray, voxel_um: float, radius_um: float) -> dict[str, floa
     outside = ~opened
     among = np.histogram(away[outside], AROUND_UM)[0]
     open_share = np.histogram(away[outside & pore], AROUND_UM)[0] / np.maximum(among, 1)
-    for low, high, of_pores, count, near in zip(
-        AROUND_UM, AROUND_UM[1:], open_share, among, faces, strict=False
-    ):
+    for (low, high), of_pores, count, near in zip(pairwise(AROUND_UM), open_share, among, faces, strict=True):
         if count:
             found[f"porosity {between(low, high)} from a void"] = of_pores
             found[f"surface {between(low, high)} from a void, 1/µm"] = near * by_faces / count
