@@ -52,7 +52,7 @@ validation: $(VENV)/.ready  ## table and page of whatever of the cases is finish
 thin-section: $(VENV)/.ready  ## a real section: make thin-section IMAGE=path/to/miocene_20_2_instances.npz
 	@test -n "$$IMAGE" || { echo "say which image: make thin-section IMAGE=path/to/instances.npz"; exit 1; }
 	$(SNAKEMAKE) --configfile config/cases/thin_section.yaml \
-		--config "samples={thin_section: {image: '$$IMAGE'}}"
+		--config "samples={thin_section: {image: '$$IMAGE'}}"; status=$$?; $(VALIDATION) && exit $$status
 
 # What is measured goes into the table and the figure, also where the sweep stops half-way.
 ACCURACY = $(SNAKEMAKE) --configfile config/cases/accuracy.yaml

@@ -2,7 +2,6 @@
 
 from _stage import stage
 
-from grainfall import config
 from grainfall.section import read_section, write_section
 
 with stage(snakemake) as progress:
@@ -12,7 +11,7 @@ with stage(snakemake) as progress:
         snakemake.input.image,
         row["kind"],
         row["pixel_size_um"],
-        config.parse_phases(row.get("phases")),
+        given.phases,
         pore_value=row.get("pore_value"),
         classes=given.settings["section"]["grey_classes"] if row["kind"] == "grey" else None,
         array=row.get("array"),

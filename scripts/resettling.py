@@ -11,11 +11,15 @@ with stage(snakemake) as progress:
     packed = io.read_table(snakemake.input.packed)
     skeleton = packed[packed.kind == "grain"].reset_index(drop=True)
     moved = io.read_json(snakemake.input.packing)["placement"]["moved_um"]
+    # the friction of the config, whatever it was lubricated by; the steps that the packing took
+    parameters = packing.parameters_of(settings["packing"], settings["effects"])
+    if io.read_json(snakemake.input.first_report)["refinement"]["on"]:
+        parameters = parameters.refined()
     settled, report = packing.settle(
         packing.move(skeleton, [-along for along in moved]),  # where it lies in its box
         library,
         packing.box_of(scene),
-        packing.parameters_of(settings["packing"], settings["effects"]),
+        parameters,
         rest=packing.RESETTLED,
         every=False,  # porosity and S2 do not wait for the last grain
         progress=progress,

@@ -15,6 +15,7 @@ import yaml
 
 from grainfall.errors import InputError
 from grainfall.presets import measured, with_accuracy
+from grainfall.rules import check_rules
 
 VARIANT_KEYS = ("scene", "packing", "effects", "feedback", "network", "flow")
 RESERVED = (
@@ -330,6 +331,7 @@ def resolve(config: dict, schema: dict, presets: dict, where: str = "config") ->
                 )
         check(over or {}, of_variants, f"{where}: variants.{name}")
     _check_sweep(whole, f"{where}: accuracy_sweep")
+    check_rules(whole["section"]["rules"], where=f"{where}: section.rules")
     whole["variants"] = {name: _meant(over, whole["scene"]) for name, over in whole["variants"].items()}
     # samples and variants are shown in the user's order
     named = {key: whole[key] for key in ("samples", "variants") if isinstance(whole[key], dict)}
@@ -514,7 +516,12 @@ def samples_of(whole: dict, schema: dict, sample_schema: dict, *, files: bool = 
     samples = read_samples(whole["samples"], sample_schema, files=files)
     check_data(samples, whole["data"], files=files)
     for name, row in samples.items():
-        synthesis(whole, row, schema, f"config: sample {name}")
+        rock = synthesis(whole, row, schema, f"config: sample {name}")
+        minerals = [mineral["name"] for mineral in rock["minerals"]]
+        named = minerals if row["kind"] == "synthetic" else parse_phases(row.get("phases"))
+        if named:
+            phases = ["pore", *(phase for phase in named if phase != "pore")]
+            check_rules(whole["section"]["rules"], phases, f"config: sample {name}: section.rules")
     return samples
 
 

@@ -412,6 +412,26 @@ def test_a_sample_has_its_own_synthetic_rock(schema):
         config.synthesis(whole, {"synthetic": {"porosty": 0.5}}, schema, "here")
 
 
+def test_rules_are_held_against_the_minerals_that_are_named(schema, sample_schema, presets):
+    image = {"kind": "grey", "image": "a.png", "pixel_size_um": 1}
+    named = {**image, "phases": "pore=0;quartz=128;clay=255"}
+
+    def read(rule, sample):
+        given = {"samples": {"a": sample}, "section": {"rules": [rule]}}
+        whole = config.resolve(given, schema, presets)
+        return config.samples_of(whole, schema, sample_schema, files=False)
+
+    rule = {"phase": "clay", "feature": "r_um", "above": 3}
+    assert read(rule, named)
+    for sample in (named, {"kind": "synthetic", "pixel_size_um": 1}):
+        with pytest.raises(InputError, match=r"sample a: section.rules.1.: phase 'nosuch' is unknown"):
+            read({**rule, "phase": "nosuch"}, sample)
+    assert read({**rule, "phase": "nosuch"}, image)  # whose names the image brings
+    for bounds, words in (({}, "neither above nor below"), ({"above": 3, "below": 1}, "nothing is above 3")):
+        with pytest.raises(InputError, match=f"config: section.rules.1.: {words}"):
+            read({"phase": "clay", "feature": "r_um", **bounds}, image)
+
+
 def test_a_slice_names_its_volume(sample_schema, tmp_path):
     rows = config.read_samples({"a": {"kind": "slice", "data": "rock", "slice": "z3"}}, sample_schema)
     (tmp_path / "rock.tif").write_bytes(b"")

@@ -70,7 +70,7 @@ rule observe_first:
         runtime=30,
     params:
         settings=settings("packing", "effects", "contacts.tolerance"),
-        science=science("accuracy.observe", "contacts", "volume"),
+        science=science("accuracy.observe", "contacts", "packing", "volume"),
     script:
         "../../scripts/observe.py"
 

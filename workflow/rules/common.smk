@@ -376,6 +376,11 @@ def row(*keys):
     return of
 
 
+def phases_of(wildcards):
+    """Names of the sample's phases, and their values in the image, as its row gives them."""
+    return sheet.parse_phases(SAMPLES[wildcards.sample].get("phases"))
+
+
 def whole_row(wildcards):
     """The sample's row of the sheet."""
     return SAMPLES[wildcards.sample]

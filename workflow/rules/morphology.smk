@@ -20,7 +20,7 @@ rule morphology:
         runtime=runtime(30),
     params:
         settings=settings("morphology", "section.rules"),
-        science=science("morphology"),
+        science=science("morphology", "section.read"),
     script:
         "../../scripts/morphology.py"
 
@@ -72,6 +72,6 @@ rule section_as_resolved:
         runtime=runtime(30),
     params:
         settings=settings("morphology"),
-        science=science("morphology", "section.resample", "surface"),
+        science=science("morphology", "section.read", "section.resample", "surface"),
     script:
         "../../scripts/section_as_resolved.py"

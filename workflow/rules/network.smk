@@ -468,7 +468,7 @@ rule contacts:
         runtime=runtime(60),
     params:
         settings=settings("contacts.tolerance", "packing", "effects.decomposition"),
-        science=science("contacts"),
+        science=science("contacts", "packing"),
     script:
         "../../scripts/contacts.py"
 
@@ -478,6 +478,7 @@ rule resettling:
         scene=f"{VARIANT}/scene.json",
         library=ancient(f"{SAMPLE}/grains3d"),
         library_record=f"{SAMPLE}/logs/grain_library.json",
+        first_report=f"{TWIN}/first/packing.json",
         packed=f"{TWIN}/second/bodies.csv",
         packing=f"{TWIN}/second/packing.json",
     output:

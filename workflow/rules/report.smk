@@ -113,7 +113,13 @@ rule metrics:
         settings=settings("packing.engine", "flow.methods", "network.coarsen"),
         asked=ASKED,
         science=science(
-            "report.metrics", "correlation", "network", "surface", "volume.cement"
+            "report.metrics",
+            "report.ensembles",
+            "accuracy.observe",
+            "correlation",
+            "network",
+            "surface",
+            "volume.cement",
         ),
     script:
         "../../scripts/metrics.py"

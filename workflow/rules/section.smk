@@ -77,7 +77,8 @@ rule read_section:
         # no parameter: a section that was read within a lower limit need not be read again
         max_pixels=CONFIG["section"]["max_pixels"],
     params:
-        row=row("kind", "pixel_size_um", "phases", "pore_value", "array", "grey"),
+        row=row("kind", "pixel_size_um", "pore_value", "array", "grey"),
+        phases=phases_of,
         checksums=checksums("image", "grey"),
         settings=settings("section.grey_classes"),
         classified_later=bool(CONFIG["section"]["rules"]),

@@ -60,7 +60,7 @@ rule twin:
             "feedback.limit",
         ),
         whole=SLABS == 1,
-        science=science("volume"),
+        science=science("packing", "volume"),
     script:
         "../../scripts/twin.py"
 

@@ -30,7 +30,7 @@ class Metric:
 
 METRICS: dict[str, Metric] = {
     "porosity": Metric("porosity of the twin", source="twin.zarr.zip"),
-    "porosity_target": Metric("porosity of the section", source="section.json"),
+    "porosity_target": Metric("porosity asked for", source="scene.json"),
     "porosity_first": Metric("porosity of the first packing", source="first/packing.json"),
     "porosity_second": Metric("porosity of the second packing", source="second/packing.json"),
     "n_grains": Metric("grains in the region of interest", "grains", "bodies.csv"),
@@ -55,6 +55,9 @@ METRICS: dict[str, Metric] = {
     "contacts_after": Metric("contacts, scaled, before cement", "contacts", "correction.json"),
     "contact_area_before_um2": Metric("contact area before the final scaling", "µm²", "correction.json"),
     "contact_area_after_um2": Metric("contact area, scaled, before cement", "µm²", "correction.json"),
+    "shared_before": Metric("share of the solid that two grains claim, before the final scaling",
+                            source="correction.json"),
+    "shared_after": Metric("share of the solid that two grains claim", source="correction.json"),
     "euler_before": Metric("Euler number of the pores before the final scaling", source="correction.json"),
     "euler_after": Metric("Euler number of the pores, scaled, before cement", source="correction.json"),
     "w1_grains_um": Metric("grain radii on slices, distance to the section", "µm", "grains2d.csv"),
@@ -245,6 +248,8 @@ def packing_values(
         **{f"{name}_after": after[name] for name in ("contacts", "euler")},
         "contact_area_before_um2": before["contact_area_um2"],
         "contact_area_after_um2": after["contact_area_um2"],
+        "shared_before": before["shared_share"],
+        "shared_after": after["shared_share"],
     }
 
 

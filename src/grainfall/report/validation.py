@@ -155,6 +155,12 @@ QUANTITIES: dict[str, Quantity] = {
         "truth, or where they are alike"
     ),
     "s2_windows_excess": Quantity("the same, less the share told from slices of the truth", signed=True),
+    "lost_support": Quantity("grains that lost support with the virtual spheres, share of all"),
+    "resettled_porosity": Quantity(
+        "change of the bed's porosity where it settles anew under gravity without its spheres", signed=True
+    ),
+    "resettled_s2": Quantity("S₂ in 3D, largest change by that"),
+    "resettled_moved": Quantity("grains that it moves by more than 0.1 radii, share of all"),
     "cpu_s": Quantity("CPU time of a twin, all its jobs", "s"),
     "first_packing_cpu_s": Quantity("CPU time of its first packing", "s"),
     "second_packing_cpu_s": Quantity("CPU time of its second packing", "s"),
@@ -462,6 +468,8 @@ def _of_twin(folder: Path, truth: Mapping) -> dict[str, tuple]:
             _circle_tail(folder / "pores2d.csv"),
             _circle_tail(folder.parent / "section_pores2d.csv"),
         ),
+        "lost_support": (metrics.get("lost_support"), None),
+        **_resettled_figures(folder / "resettling.json"),
         **_cost_figures(folder),
     }
     if "grains" in truth and k_ratio is not None:
@@ -477,6 +485,18 @@ def _of_twin(folder: Path, truth: Mapping) -> dict[str, tuple]:
             "k_at_equal_n": (k_ratio * n_ratio ** (2 / 3), 1.0),
         }
     return found
+
+
+def _resettled_figures(path: Path) -> dict[str, tuple]:
+    """What gravity did to the skeleton without its spheres, where that was tried."""
+    if not path.exists():
+        return {}
+    change = io.read_json(path)
+    return {
+        "resettled_porosity": (change["porosity_after"] - change["porosity_before"], 0.0),
+        "resettled_s2": (change["s2_change"], 0.0),
+        "resettled_moved": (change["moved_share"], 0.0),
+    }
 
 
 def _cost_figures(folder: Path) -> dict[str, tuple]:

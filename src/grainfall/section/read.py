@@ -232,7 +232,11 @@ def read_reference(
     if shape is not None:
         volume = read_raw(path, shape, dtype, max_pixels=max_voxels)
     elif Path(path).suffix.lower() == ".raw" and Path(path).is_file():
-        raise InputError(path, "a raw file has no header", "give its shape [z, y, x] and dtype")
+        raise InputError(
+            path,
+            "a raw file has no header",
+            "a TIFF stack, NPY or Zarr, which say their shape and number type",
+        )
     else:
         volume = read_raster(path, ndim=3, array=array, prefer=("phase", "labels"), max_pixels=max_voxels)
     volume = _whole_numbers(volume, path)

@@ -7,7 +7,14 @@ from grainfall.volume.correction import correct_porosity
 from grainfall.volume.export import export_metaimage, export_raw, export_vti
 from grainfall.volume.finish import finish, make_room, size_factor, write_twin
 from grainfall.volume.measures import adjacent_pairs, describe, euler_number, porosity
-from grainfall.volume.scan import VIRTUAL, packed_porosity, porosity_about, voxelise, voxelise_slabs
+from grainfall.volume.scan import (
+    VIRTUAL,
+    packed_porosity,
+    porosity_about,
+    shared_share,
+    voxelise,
+    voxelise_slabs,
+)
 from grainfall.volume.voids import bed_between_voids, void_circles, void_width
 
 __all__ = [
@@ -33,6 +40,7 @@ __all__ = [
     "porosity",
     "porosity_about",
     "read_pore_space",
+    "shared_share",
     "size_factor",
     "void_circles",
     "void_width",

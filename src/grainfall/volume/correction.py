@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from grainfall.volume.measures import describe
-from grainfall.volume.scan import Meshes, packed_porosity, voxelise_slabs
+from grainfall.volume.scan import Meshes, packed_porosity, shared_share, voxelise_slabs
 
 TOLERANCE = 0.0005
 """Largest porosity error that is left where the correction is applied."""
@@ -60,7 +60,7 @@ def correct_porosity(
     report : dict
         applied, forced, reason, target, limit, scale_factor, passes (scales tried), wall_s, before and
         after: porosity, euler (of the pore space, 6-connected), contacts (pairs of grains that share voxel
-        faces), contact_area_um2.
+        faces), contact_area_um2, shared_share (:func:`grainfall.volume.scan.shared_share`).
 
     Notes
     -----
@@ -82,7 +82,8 @@ def _corrected(
 
     def described(moved: pd.DataFrame) -> dict:
         slabs = voxelise_slabs(moved, library, shape, voxel_size_um)
-        return describe((body for _, _, body in slabs), voxel_size_um)
+        shared = shared_share(moved, library, shape, voxel_size_um)
+        return {**describe((body for _, _, body in slabs), voxel_size_um), "shared_share": shared}
 
     def gap_at(s: float) -> float:
         return packed_porosity(scale_positions(grains, centre, s), library, shape, voxel_size_um) - target
