@@ -19,8 +19,7 @@ with (
         return io.read_table(str(files[name])) if files.get(name) else None
 
     def surface(s2):
-        along = s2[s2.axis.isin(list("xyz"))].groupby("lag_um", as_index=False).s2.mean()
-        return correlation.specific_surface(along.lag_um, along.s2)
+        return correlation.surface_from_s2(*correlation.along_axes(s2))
 
     def asked_for():
         """The error in what the config's ``accuracy`` asks for."""

@@ -14,7 +14,7 @@ from pathlib import Path
 import yaml
 
 from grainfall.errors import InputError
-from grainfall.presets import measured, with_accuracy
+from grainfall.presets import MEASURED, SMALLEST, measured, with_accuracy
 from grainfall.rules import check_rules
 
 VARIANT_KEYS = ("scene", "packing", "effects", "feedback", "network", "flow")
@@ -385,10 +385,22 @@ def parameters(whole: dict) -> dict[str, dict]:
     return found
 
 
-def differing(one: dict, other: dict, sections: Sequence[str]) -> list[str]:
-    """Dotted keys of these sections in which two configs with every key differ."""
-    found, held = (dict(_leaves({name: whole[name] for name in sections})) for whole in (one, other))
-    return sorted(key for key in found.keys() | held.keys() if found.get(key) != held.get(key))
+def unmeasured(whole: dict, alone: dict) -> list[str]:
+    """Dotted keys in which a config leaves what was measured of its preset.
+
+    Parameters
+    ----------
+    whole, alone : dict
+        A config with every key, and that of its preset alone.
+    """
+    found, held = (
+        {key: value for key, value in _leaves(content) if key.startswith(MEASURED)}
+        for content in (whole, alone)
+    )
+    other = [key for key in found.keys() | held.keys() if found.get(key) != held.get(key)]
+    own = whole["scene"]
+    other += [f"scene.{key}" for key, least in SMALLEST.items() if own[key] and own[key] < least]
+    return sorted(other)
 
 
 def _leaves(content: dict, prefix: str = "") -> Iterator[tuple[str, object]]:

@@ -133,20 +133,20 @@ def spheres(case: Case, seed: int) -> dict:
     return pour(case, seed, grains(200), None, roi, 3.0)
 
 
-def ellipsoids(case: Case, seed: int) -> dict:
+def ellipsoids(case: Case, seed: int, roi: float | None = None, margin: float = 3.0, fine: int = 3) -> dict:
     """Ellipsoids 1.25 : 1 : 0.8, the core three diameters from walls, floor and surface."""
-    roi = 4.0 if case.engine == "physx" else 2.5
-    ball = trimesh.creation.icosphere(3)
+    roi = roi or (4.0 if case.engine == "physx" else 2.5)
+    ball = trimesh.creation.icosphere(fine)
     vertices = np.array(ball.vertices) * [1.25, 1.0, 0.8]
     vertices *= (4 * np.pi / 3 / trimesh.Trimesh(vertices, ball.faces).volume) ** (1 / 3)
     table = pd.DataFrame({"shape": [0], "phase": 1, "r2d_um": RADIUS})
     library = Library([vertices], [np.array(ball.faces, np.int32)], table)
-    return pour(case, seed, grains(200, 0), library, roi, 3.0)
+    return pour(case, seed, grains(200, 0), library, roi, margin)
 
 
-def two_sizes(case: Case, seed: int, ratio: int = 4) -> dict:
+def two_sizes(case: Case, seed: int, ratio: int = 4, margin: float | None = None) -> dict:
     """Two sizes of spheres, 1 : 4; the core 1.5 coarse (Bullet 1), 6 fine (4) diameters from walls."""
-    roi, margin = 2.0, 1.5 if case.engine == "physx" else 1.0
+    roi, margin = 2.0, margin or (1.5 if case.engine == "physx" else 1.0)
     rng = np.random.default_rng(seed)
     fines = (1 - case.coarse_share) * ratio**3  # numbers are as volume over volume of one
     coarse = rng.random(20000) < case.coarse_share / (case.coarse_share + fines)

@@ -383,7 +383,7 @@ def target(scene: dict, engine: str) -> tuple[dict, list[str]]:
     left = corrected["after"]["porosity"]
     nearest = f"nearest {left:.3f}"
     words = (nearest, f"nearest {left:.4f}", f"came to {left:.4f}", f"at rest {left:.4f}")
-    said = report["reached"] or any(w in report["reason"] for w in words)
+    said = any(w in report["reason"] for w in words)
     if abs(left - scene["target"]) > 0.01 and not said:
         faults.append(f"porosity {left:.3f} is not what the report says ({report['reason']!r})")
     return figures, faults

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import trimesh
+from scipy import ndimage
 
 from grainfall import packing, volume
 from grainfall.errors import InputError
@@ -129,6 +130,41 @@ def test_lubrication_reaches_a_denser_target_and_misses_it_when_off(pack, rested
     bodies, report = again("off")
     assert not report["reached"]
     pd.testing.assert_frame_equal(bodies, plain[0])
+
+
+def test_vugs_in_a_dense_rock_need_spheres_and_a_denser_skeleton(pack, rested, porosity, library):
+    """A target no looser than the first packing, with pores that it has not: either effect alone misses."""
+    porosity = partial(porosity, scene=WIDE)
+    plain = pack(packing.Parameters(), scene=WIDE)
+    first, none = porosity(plain[0]), np.zeros(1)
+    vugs = packing.VirtualSizes(np.array([17.0, 19.0]), none, none, none, np.array([0.5]), True, "")
+    plan = deficit(first, first)
+    plan["virtual_spheres"] = {"on": True, "for_tail": True, "p_sp": 0.01}
+
+    def pour_with(p_sphere, lubrication):
+        return packing.pack(
+            WIDE, SIZES, library, packing.Parameters().lubricated(lubrication),
+            np.random.default_rng(0), spheres=vugs, p_sphere=p_sphere, rest=False,
+        )  # fmt: skip
+
+    def again(switch):
+        return packing.pack_again(
+            plan, pour_with, partial(rested, scene=WIDE), porosity, plain, densification=switch, passes=6
+        )
+
+    def widest(bodies):
+        grains = bodies[bodies["kind"] == "grain"]
+        pore = volume.voxelise(grains, library, WIDE["shape_zyx"], 1.0)[0] == 0
+        return ndimage.distance_transform_edt(pore).max()
+
+    both, report = again("auto")
+    assert report["reached"]
+    assert report["densification"]["on"]
+    assert abs(porosity(both[both["kind"] == "grain"]) - first) <= 0.01
+    assert widest(both) > 14 > widest(plain[0]) + 2
+    _, report = again("off")
+    assert not report["reached"]
+    assert report["porosity"] > first + 0.01
 
 
 def test_taps_pack_denser_than_lubrication_alone(pack, rested, porosity):

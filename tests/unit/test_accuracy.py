@@ -158,10 +158,14 @@ class TestPick:
         given = {"preset": "draft", "samples": "samples.tsv"}
         alone = config.resolve(given, schema, sets)
         whole = config.resolve({**given, "scene": {"edge_grains": 6}, **own}, schema, sets)
-        assert config.differing(whole, alone, presets.MEASURED) == [
-            "effects.cement", "packing.overrides.hull_vertices",
+        assert config.unmeasured(whole, alone) == ["effects.cement", "packing.overrides.hull_vertices"]
+        assert config.unmeasured(alone, alone) == []
+        worse = {"scene": {"edge_grains": 3, "voxels_per_grain": 4}, "flow": {"methods": ["estimate"]}}
+        worse |= {"network": {"method": "snow2"}, "stereology": {"method": "none", "bootstrap": 3}}
+        assert config.unmeasured(config.resolve({**given, **worse}, schema, sets), alone) == [
+            "flow.methods", "network.method", "scene.edge_grains", "scene.voxels_per_grain",
+            "stereology.method",
         ]  # fmt: skip
-        assert config.differing(alone, alone, presets.MEASURED) == []
 
     def test_what_nothing_supports_says_what_the_best_is(self):
         with pytest.raises(InputError, match=r"within 0\.01.*at least 0\.05.*reference"):

@@ -146,7 +146,7 @@ def test_sphere_array_has_its_surface_and_its_curve():
         expected = phi * (1 - 0.75 * r / radius + r**3 / (16 * radius**3))
         np.testing.assert_allclose(curve["s2"][own], expected[own], atol=0.003 * phi)
     surface = [
-        c.specific_surface(*curves.loc[curves["axis"] == a, ["lag_um", "s2"]].to_numpy().T) for a in "xyz"
+        c.surface_from_s2(*curves.loc[curves["axis"] == a, ["lag_um", "s2"]].to_numpy().T) for a in "xyz"
     ]
     assert np.mean(surface) == pytest.approx(3 * phi / radius, rel=0.01)
 
@@ -163,7 +163,7 @@ def test_packed_spheres_have_their_surface(shared_data):
     curves = c.s2_volume(phase, h, radial=False)
     assert curves.query("lag_um == 0")["s2"].iloc[0] == pytest.approx(1 - 0.343251, abs=0.002)
     mean = curves.groupby("lag_um")["s2"].mean()
-    found = c.specific_surface(mean.index.to_numpy(), mean.to_numpy())
+    found = c.surface_from_s2(mean.index.to_numpy(), mean.to_numpy())
     assert found == pytest.approx(3 * (1 - 0.343251) / radius, rel=0.015)
     # Far apart, S2 levels off at the square of the fraction.
     assert mean.iloc[-20:].mean() == pytest.approx(mean.iloc[0] ** 2, abs=0.005)

@@ -253,10 +253,31 @@ def test_sections_are_told_from_twins_by_more_than_from_their_truth(by, status):
     )
     more = figures(by, "xct", "full", "s2_windows_excess", 0.0)
     p = figures({s: [0.5] for s in by}, "xct", "full", "s2_envelope_p", 0.5)
-    (claim,) = (c for c in claims(aggregate(pd.concat([told, more, p]))) if "windows" in c.claim)
+    (claim,) = (c for c in claims(aggregate(pd.concat([told, more, p]))) if "slices of its twins" in c.claim)
     assert claim.status == status
     assert "from slices of the truth 0.1" in claim.ours
-    assert not any("windows" in c.claim for c in claims(aggregate(pd.concat([told, p]))))
+    assert not any("slices of its twins" in c.claim for c in claims(aggregate(pd.concat([told, p]))))
+    # of a tomogram the paper claims the reverse
+    scan = pd.concat([told, more, p]).assign(variant="tomogram")
+    (claim,) = (c for c in claims(aggregate(scan)) if "slices of its tomogram" in c.claim)
+    assert claim.status == {SHOWN: NOT_SHOWN, NOT_SHOWN: SHOWN, OPEN: OPEN}[status]
+
+
+@pytest.mark.parametrize(("by", "status"), [(0.02, SHOWN), (-0.02, NOT_SHOWN), (0.0, OPEN)])
+@pytest.mark.parametrize(
+    ("case", "without"), [("stereology", "no_inversion"), ("virtual_spheres", "grains_only")]
+)
+def test_a_step_that_brings_s2_nearer_is_said_to(case, without, by, status):
+    gaps = {"full": 0.05, without: 0.05 + by}
+    own = [
+        figures({s: [gap + 0.001 * i] for i, s in enumerate("abc")}, case, variant, "s2_gap", 0.0)
+        for variant, gap in gaps.items()
+    ]
+    nearer = {s: [by + 1e-3 * d] for s, d in zip("abc", (-1, 0, 1), strict=True)}
+    own.append(figures(nearer, case, without, "s2_gap_nearer", 0.0))
+    (claim,) = (c for c in claims(aggregate(pd.concat(own))) if "S₂ nearer" in c.claim and c.case == case)
+    assert claim.status == status
+    assert f"without: {gaps[without] + 0.001:.2g}" in claim.ours
 
 
 def test_the_truths_own_slices_are_what_there_is_to_be_reached(tmp_path):

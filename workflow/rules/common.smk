@@ -123,7 +123,7 @@ if CONFIG["accuracy"]:
         CONFIG_SCHEMA,
         sheet.load_yaml(HOUSE / "config/presets.yaml", ours=True),
     )
-    other = ", ".join(sheet.differing(CONFIG, alone, presets.MEASURED))
+    other = ", ".join(sheet.unmeasured(CONFIG, alone))
     beside = f"; measured without this config's {other}" if other else ""
     ASKED = {
         **CONFIG["accuracy"],
@@ -332,6 +332,16 @@ def many_threads(wildcards, rulename):
 def of_variant(wildcards):
     """The config as the job's variant sees it; all of it where the job has none."""
     return VARIANTS.get(getattr(wildcards, "variant", None), CONFIG)
+
+
+def methods_of_variant(wildcards):
+    """The tiers of flow that a twin, or what it is held against, is solved by."""
+    return of_variant(wildcards)["flow"]["methods"]
+
+
+def the_method(wildcards):
+    """The tier of flow that a job of its own solves by."""
+    return [wildcards.method]
 
 
 def settings(*keys):

@@ -384,7 +384,7 @@ rule flow_on_voxels:
         mem_mb=memory(8000),
         runtime=runtime(120),
     params:
-        methods=lambda wildcards: [wildcards.method],
+        methods=the_method,
         settings=settings("network.coarsen"),
         science=science("flow", "volume"),
     script:
@@ -423,7 +423,7 @@ rule flow:
         mem_mb=memory(8000),
         runtime=runtime(120),
     params:
-        methods=lambda wildcards: of_variant(wildcards)["flow"]["methods"],
+        methods=methods_of_variant,
         settings=settings("network", "flow.conductance"),
         science=science("flow", "volume"),
     script:

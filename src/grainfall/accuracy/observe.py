@@ -53,9 +53,7 @@ def pooled(volumes: Sequence[Mapping]) -> dict:
 
 def axial_s2(pore: np.ndarray, voxel_size_um: float) -> tuple[np.ndarray, np.ndarray]:
     """Lags (um) and S2 of the solid, mean of three axes."""
-    table = correlation.s2_volume(~pore, voxel_size_um, radial=False)
-    mean = table[table["axis"].isin(list("xyz"))].groupby("lag_um")["s2"].mean()
-    return mean.index.to_numpy(), mean.to_numpy()
+    return correlation.along_axes(correlation.s2_volume(~pore, voxel_size_um, radial=False))
 
 
 def from_tables(s2: pd.DataFrame, flow: pd.DataFrame, method: str, sizes: Mapping) -> dict:
@@ -70,11 +68,11 @@ def from_tables(s2: pd.DataFrame, flow: pd.DataFrame, method: str, sizes: Mappin
     sizes : mapping
         As :func:`grainfall.network.element_sizes` gives them.
     """
-    mean = s2[s2["axis"].isin(list("xyz"))].groupby("lag_um")["s2"].mean()
+    lag_um, mean = correlation.along_axes(s2)
     return {
         "k_md": flow.loc[flow["method"] == method, "k_md"].mean(),
-        "lag_um": mean.index.to_numpy(),
-        "s2": mean.to_numpy(),
+        "lag_um": lag_um,
+        "s2": mean,
         "pores": sizes,
     }
 

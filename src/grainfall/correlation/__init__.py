@@ -2,13 +2,14 @@
 
 from grainfall.correlation.envelope import fraction_inside, global_envelope
 from grainfall.correlation.s2 import (
+    along_axes,
     pair_counts,
     s2_along,
     s2_image,
     s2_of_counts,
     s2_of_slices,
     s2_volume,
-    specific_surface,
+    surface_from_s2,
 )
 from grainfall.correlation.sections import (
     Window,
@@ -21,6 +22,7 @@ from grainfall.correlation.sections import (
 
 __all__ = [
     "Window",
+    "along_axes",
     "common_window",
     "compare_section",
     "fraction_inside",
@@ -34,5 +36,5 @@ __all__ = [
     "section_curves",
     "section_windows",
     "slice_curves",
-    "specific_surface",
+    "surface_from_s2",
 ]

@@ -247,7 +247,23 @@ def s2_of_counts(
     return pd.concat(curves, ignore_index=True)
 
 
-def specific_surface(lag_um: np.ndarray, s2: np.ndarray) -> float:
+def along_axes(table: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
+    """Mean of the curves along x, y and z.
+
+    Parameters
+    ----------
+    table : DataFrame
+        As :func:`s2_volume` gives it.
+
+    Returns
+    -------
+    lag_um, s2 : (n,) float
+    """
+    mean = table[table["axis"].isin(AXES)].groupby("lag_um")["s2"].mean()
+    return mean.index.to_numpy(), mean.to_numpy()
+
+
+def surface_from_s2(lag_um: np.ndarray, s2: np.ndarray) -> float:
     """Surface per bulk volume of an isotropic medium, from S2'(0) = -S_v / 4 (Debye et al. 1957).
 
     Parameters

@@ -116,6 +116,7 @@ def _stereology(table: pd.DataFrame) -> list[Claim]:
             f"nearer by {_said(nearer)}",
             _surely_above(nearer),
         ),
+        _nearer_by_s2(table, "stereology", "no_inversion", "The inversion brings S₂ nearer to the truth's"),
         Claim(
             "stereology",
             "Skipping the inversion halves K at the same porosity",
@@ -145,6 +146,15 @@ def _stereology(table: pd.DataFrame) -> list[Claim]:
             )
         )
     return found
+
+
+def _nearer_by_s2(table: pd.DataFrame, case: str, without: str, claim: str, paper: str = "shown as curves"):
+    """The S2 of twins against that of twins without a step, both by their largest distance to the truth's."""
+    gap, other = (row_of(table, case, variant, "s2_gap") for variant in ("full", without))
+    nearer = row_of(table, case, without, "s2_gap_nearer")
+    words = f"largest distance to the truth's: {_said(gap, 2)}; without: {_said(other, 2)}"
+    words += f"; nearer by {_said(nearer, 2)}" + _chance(row_of(table, case, "truth", "s2_gap"))
+    return Claim(case, claim, paper, words, _surely_above(nearer))
 
 
 def _spheres(table: pd.DataFrame) -> list[Claim]:
@@ -186,7 +196,11 @@ def _spheres(table: pd.DataFrame) -> list[Claim]:
                 f"mean {_said(every)}" + _chance(alike),
                 _within(kept, 1.0, 0.1),
             ),
-        ]
+            _nearer_by_s2(
+                table, case, "grains_only", f"{name} bring S₂ nearer to the truth's than grains alone have it",
+                "shown as curves" if paper else "-",
+            ),
+        ]  # fmt: skip
         for what, quantity, shaped in (("K", "k_ratio", k), ("the tail", "pore_r95_ratio", kept)):
             round_, nearer = (row_of(table, case, "round", f"{quantity}{end}") for end in ("", "_nearer"))
             if nearer is not None:
@@ -307,4 +321,15 @@ def _tomogram(table: pd.DataFrame) -> list[Claim]:
         words = f"twin {_said(twin)}; tomogram {_said(scan)}; nearer by {_said(nearer)}"
         words += _chance(row_of(table, "xct", "truth", quantity))
         found.append(Claim("xct", claim, paper, words, _surely_above(nearer)))
+    told, more = (row_of(table, "xct", "tomogram", f"s2_windows_{name}") for name in ("rejected", "excess"))
+    level = METRICS["s2_envelope_p"].low
+    status = OPEN
+    if more is not None:
+        # of a single section both comparisons are with NaN
+        status = SHOWN if more["lower"] > level else NOT_SHOWN if more["upper"] <= level else OPEN
+    claim = (
+        "By S₂ windows of a section are told from slices of its tomogram more often than from the rock's own"
+    )
+    words = f"told {_said(told, 2)}; more often by {_said(more, 2)}"
+    found.append(Claim("xct", claim, "the section's S₂ leaves the tomogram's cloud", words, status))
     return found + _rims(table, "xct")

@@ -32,12 +32,14 @@ PAPER: dict[tuple[str, str, str], float] = {
     ("stereology", "no_inversion", "k_md"): 559,
     ("virtual_spheres", "truth", "porosity"): 0.4304,
     ("virtual_spheres", "full", "porosity"): 0.4306,
+    ("virtual_spheres", "full", "porosity_first"): 0.2339,
     ("virtual_spheres", "grains_only", "porosity"): 0.2339,
     ("virtual_spheres", "truth", "k_md"): 3305,
     ("virtual_spheres", "full", "k_md"): 2861,
     ("virtual_spheres", "grains_only", "k_md"): 1062,
     ("xct", "truth", "porosity"): 0.3319,
     ("xct", "full", "porosity"): 0.3325,
+    ("xct", "full", "porosity_first"): 0.2415,
     ("xct", "full", "k_md"): 1183,
     ("xct", "tomogram", "k_md"): 1284,
 }
@@ -70,7 +72,8 @@ ENVELOPE, REFERENCE_ENVELOPE = "s2_envelope.json", "reference_envelope.json"
 """The envelope test of a section among slices of its twins, and of its own truth."""
 
 NEARER = {
-    "no_inversion": ("w1_f3d",),
+    "no_inversion": ("w1_f3d", "s2_gap"),
+    "grains_only": ("s2_gap", "w1_pores", "k_ratio"),
     "touching": ("surface_ratio", "k_ratio"),
     "round": ("pore_r95_ratio", "w1_pores", "k_ratio"),
     "tomogram": ("s2_gap", "w1_pores", "k_ratio"),
@@ -93,6 +96,7 @@ QUANTITIES: dict[str, Quantity] = {
     "porosity_first": Quantity("porosity of the first packing (grains alone)"),
     "porosity_miss": Quantity("largest distance of a twin's porosity from its target"),
     "porosity_section": Quantity("porosity of the one section that the workflow saw"),
+    "grains_section": Quantity("whole grains that the section shows, of the mineral with the fewest"),
     "porosity_any_slice": Quantity("porosity of one slice, all slices of the volume (2.5 to 97.5 %)"),
     "k_any_slice": Quantity(
         "K if one slice's porosity were the target, over K (Kozeny-Carman, 2.5 to 97.5 %)"
@@ -365,11 +369,9 @@ def _over(value: float, aim: float | None) -> float | None:
     return value / aim if aim else None
 
 
-def radial(path: Path, column: str = "axis") -> tuple[np.ndarray, np.ndarray]:
+def radial(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Lags and S2, mean of the three axes, of an S2 table."""
-    table = io.read_table(path)
-    mean = table[table[column].isin(list("xyz"))].groupby("lag_um")["s2"].mean()
-    return mean.index.to_numpy(), mean.to_numpy()
+    return correlation.along_axes(io.read_table(path))
 
 
 def network_sizes(stem: Path) -> dict[str, np.ndarray]:
@@ -409,7 +411,7 @@ def _circle_tail(path: Path) -> float | None:
 
 def _surface_ratio(metrics: Mapping, truth: Mapping) -> float | None:
     own = metrics.get("specific_surface_per_um")
-    return None if pd.isna(own) or "s2" not in truth else own / correlation.specific_surface(*truth["s2"])
+    return None if pd.isna(own) or "s2" not in truth else own / correlation.surface_from_s2(*truth["s2"])
 
 
 def section_surface_ratio(variant: Path, truth: Mapping) -> float | None:
@@ -561,8 +563,11 @@ def _of_envelope(path: Path, of_truth: Path | None = None) -> dict[str, tuple]:
 
 
 def _of_section(sample: Path, held: float, seen: float | None) -> dict[str, tuple]:
+    grains = io.read_table(sample / "grains2d.csv")
+    whole = grains[grains["weight"] > 0].groupby("phase").size()
     return {
         "porosity_section": (io.read_json(sample / "section.json")["porosity"], held),
+        "grains_section": (whole.min() if len(whole) else None, None),
         "surface_section": (seen, 1.0),
         **_of_envelope(sample / REFERENCE_ENVELOPE),
     }
