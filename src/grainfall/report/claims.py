@@ -197,7 +197,7 @@ def _spheres(table: pd.DataFrame) -> list[Claim]:
                 _within(kept, 1.0, 0.1),
             ),
             _nearer_by_s2(
-                table, case, "grains_only", f"{name} bring S₂ nearer to the truth's than grains alone have it",
+                table, case, "grains_only", f"{name} bring S₂ nearer to the truth's than grains alone do",
                 "shown as curves" if paper else "-",
             ),
         ]  # fmt: skip
