@@ -304,14 +304,8 @@ def pack_again(
         if left and (loose < target - limit or not spheres["for_tail"]):
             guess = odds_times(p_sphere, 2) if trials.passes else p_sphere
             missed = match_porosity(
-                lambda p: trials(p, lubrication),
-                float,
-                target,
-                guess,
-                deficit["porosity_first"],
-                limit,
-                left,
-            ).reason
+                lambda p: trials(p, lubrication), target, guess, deficit["porosity_first"], limit, left
+            )
             p_sphere, loose = trials.kept[0], trials.porosity
     else:
         p_sphere, loose = 0.0, deficit["porosity_first"]

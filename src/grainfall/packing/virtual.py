@@ -190,42 +190,15 @@ def _normalised(density: np.ndarray, width: np.ndarray) -> np.ndarray:
     return density / total if total > 0 else density
 
 
-@dataclass(frozen=True)
-class Match:
-    """Outcome of :func:`match_porosity`.
-
-    Attributes
-    ----------
-    packing : object or None
-        What ``pack_with`` returned in the best pass; None when the first packing stands.
-    p_sphere, porosity : float
-        Of the best pass.
-    passes : list of dict
-        p_sphere, porosity of every pass in order.
-    reached : bool
-        Whether the porosity is within the tolerance of the target.
-    reason : str
-        Plain words when it is not; empty otherwise.
-    """
-
-    packing: object | None
-    p_sphere: float
-    porosity: float
-    passes: list[dict]
-    reached: bool
-    reason: str
-
-
 def match_porosity(
-    pack_with: Callable[[float], object],
-    porosity_of: Callable[[object], float],
+    porosity_with: Callable[[float], float],
     target: float,
     p0: float,
     first: float,
     tolerance: float = 0.01,
     max_passes: int = 4,
-) -> Match:
-    """Second packing with feedback on the probability of virtual spheres.
+) -> str:
+    """Feedback on the probability of virtual spheres, until the porosity is near enough to the target.
 
     With odds o = p / (1 - p), solid fraction S of grains and spheres together and c = V_sp / V_p, the
     porosity left when the spheres are removed obeys
@@ -239,10 +212,8 @@ def match_porosity(
 
     Parameters
     ----------
-    pack_with : callable
-        p_sphere -> packing.
-    porosity_of : callable
-        packing -> porosity without the spheres.
+    porosity_with : callable
+        p_sphere -> porosity without the spheres.
     target, first : float
         Porosity wanted, and of the first packing.
     p0 : float
@@ -254,34 +225,27 @@ def match_porosity(
 
     Returns
     -------
-    Match
-        The pass nearest to the target.
+    str
+        Plain words where the target was not met; empty otherwise.
     """
     if target <= first:
         near = first - target <= tolerance
-        reason = "" if near else f"target not reachable by this plan, nearest {first:.3f}"
-        return Match(None, 0.0, first, [], near, reason)
+        return "" if near else f"target not reachable by this plan, nearest {first:.3f}"
     aim = 1 / (1 - min(target + tolerance / 4, EMPTY))
     points = [(0.0, 1 / (1 - first))]
-    passes, best = [], None
+    found = []
     p = float(np.clip(p0, 1e-6, P_MOST))
     for _ in range(max_passes):
-        packing = pack_with(p)
-        porosity = float(porosity_of(packing))
-        passes.append({"p_sphere": p, "porosity": porosity})
-        if best is None or abs(porosity - target) < abs(best[2] - target):
-            best = packing, p, porosity
-        if abs(porosity - target) <= tolerance:
-            break
-        points.append((p / (1 - p), 1 / (1 - min(porosity, EMPTY))))
+        found.append(porosity_with(p))
+        if abs(found[-1] - target) <= tolerance:
+            return ""
+        points.append((p / (1 - p), 1 / (1 - min(found[-1], EMPTY))))
         odds = next_odds(points, aim)
         p, last = min(odds / (1 + odds), P_MOST), p
         if abs(p - last) < 1e-9:
             break
-    packing, p, porosity = best
-    reached = abs(porosity - target) <= tolerance
-    reason = "" if reached else f"target {target:.3f} not met in {len(passes)} passes, nearest {porosity:.3f}"
-    return Match(packing, p, porosity, passes, reached, reason)
+    nearest = min(found, key=lambda porosity: abs(porosity - target))
+    return f"target {target:.3f} not met in {len(found)} passes, nearest {nearest:.3f}"
 
 
 EMPTY = 0.999

@@ -18,8 +18,8 @@ from typing import Protocol
 
 import numpy as np
 import pandas as pd
+import scipy  # its transforms load when they are first used
 from numba import njit
-from scipy.spatial.transform import Rotation
 
 SPHERE = -1
 """Shape id of a body that is a sphere of radius ``scale``, not a mesh of the library."""
@@ -216,7 +216,8 @@ class _Scene:
         self.phases = np.where(virtual, sphere_label, bodies["phase"].to_numpy()).astype(np.uint8)
         self.scale = figures[:, 0] / voxel_size_um
         self.centre = (figures[:, 1:4] - np.asarray(origin_um, float)) / voxel_size_um - 0.5
-        self.rotation = Rotation.from_quat(figures[:, 4:], scalar_first=True).as_matrix()
+        turn = scipy.spatial.transform.Rotation.from_quat(figures[:, 4:], scalar_first=True)
+        self.rotation = turn.as_matrix()
         used = np.unique(self.shapes[self.shapes != SPHERE])
         self.vertices = {s: np.ascontiguousarray(library.vertices[s], np.float64) for s in used}
         self.faces = {s: np.ascontiguousarray(library.faces[s], np.int64) for s in used}
