@@ -9,7 +9,7 @@ import pytest
 import trimesh
 from scipy import ndimage
 
-from grainfall import packing, volume
+from grainfall import contacts, correlation, packing, volume
 from grainfall.errors import InputError
 
 pytestmark = pytest.mark.xdist_group("effects")
@@ -75,7 +75,7 @@ def plain(pack):
     return [pack(packing.Parameters(), seed) for seed in range(3)]
 
 
-def test_refinement_changes_nothing_but_the_cost(pack, plain, porosity):
+def test_refinement_changes_nothing_but_the_cost(pack, plain, porosity, library):
     """Half the step and twice the iterations: no metric leaves the spread of realizations; more work is done.
 
     Work is counted in solver iterations: the seconds of a shared machine are no test.
@@ -84,7 +84,17 @@ def test_refinement_changes_nothing_but_the_cost(pack, plain, porosity):
         packing.pack_first(lambda p, seed=seed: pack(p, seed), packing.Parameters(), "on")
         for seed in range(3)
     ]
-    for measure in (lambda b, r: porosity(b), lambda b, r: r["poured"]):
+
+    def contacts_of(bodies, report):
+        parameters = packing.Parameters()
+        found = contacts.find_contacts(bodies, library, None, 1.0, 0.01, parameters)
+        return contacts.coordination(found, bodies, (SCENE["edge_um"],) * 3).iloc[0]["coordination"]
+
+    def s2_of(bodies, report):
+        solid = volume.voxelise(bodies, library, SCENE["shape_zyx"], 1.0)[0] > 0
+        return np.interp(8.0, *correlation.along_axes(correlation.s2_volume(solid, 1.0)))
+
+    for measure in (lambda b, r: porosity(b), lambda b, r: r["poured"], contacts_of, s2_of):
         coarse, finer = (np.array([measure(*one) for one in ensemble]) for ensemble in (plain, fine))
         # the difference of two means of n, at three standard errors of the pooled spread
         error = np.sqrt((coarse.var(ddof=1) + finer.var(ddof=1)) / len(fine))
