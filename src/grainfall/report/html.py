@@ -7,7 +7,7 @@ import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import jinja2
@@ -158,6 +158,133 @@ class FigureFile:
         figures.save_figure(self.draw() or figures.note_figure(self.absent), path)
 
 
+def _section(r: Results) -> Figure:
+    return figures.section_figure(
+        r.section_phase,
+        r.pixel_size_um,
+        r.phases,
+        r.volume("sample:labels.zarr.zip", "grains"),
+        r.table("sample:pores2d.csv"),
+        r.table("sample:grains2d.csv"),
+        r.volume("sample:section.zarr.zip", "grey"),
+    )
+
+
+def _sizes(r: Results) -> Figure | None:
+    table = r.table("sample:sizes.csv")
+    if table is None or table.empty:
+        return None
+    return figures.sizes_figure(
+        table,
+        r.phases,
+        r.table("sample:truth_sizes.csv"),
+        r.table("twin:grains2d.csv"),
+        r.table("twin:pores2d.csv"),
+        drawn_grains(r),
+    )
+
+
+def _grain_gallery(r: Results) -> Figure | None:
+    chosen = gallery(r)
+    return figures.gallery_figure(chosen, r.phases) if chosen else None
+
+
+def _block(r: Results) -> Figure:
+    attributes, _ = r.attributes("twin:twin.zarr.zip")
+    with r.opened("twin:twin.zarr.zip") as (twin,):
+        return figures.block_figure(twin, attributes["voxel_size_um"], r.twin_phases)
+
+
+def _packings(r: Results) -> Figure:
+    attributes, _ = r.attributes("twin:twin.zarr.zip")
+    by_name = _values(r.table("twin:metrics.csv"))
+    porosities = [by_name.get(k) for k in ("porosity_first", "porosity_second", "porosity")]
+    with r.opened(*PACKED) as volumes:
+        return figures.packings_figure(*volumes, attributes["voxel_size_um"], r.twin_phases, porosities)
+
+
+def _forces(r: Results) -> Figure | None:
+    contacts, bodies = r.table("twin:contacts.csv"), r.table("twin:bodies.csv")
+    scene = r.json("variant:scene.json")
+    if contacts is None or bodies is None or scene is None:
+        return None
+    return figures.forces_figure(contacts, bodies, scene["edge_um"], scene["mean_diameter_um"])
+
+
+def _virtual(r: Results) -> Figure | None:
+    table = r.table("twin:virtual_spheres.csv")
+    if table is None or table.empty:
+        return None
+    return figures.virtual_figure(table, (r.json("twin:second/packing.json") or {}).get("p_sp"))
+
+
+def _s2(r: Results) -> Figure:
+    return figures.s2_figure(
+        r.table("twin:s2_slices.csv"),
+        r.table("variant:s2_envelope.csv"),
+        r.json("variant:s2_envelope.json"),
+        r.table("sample:reference_s2.csv"),
+    )
+
+
+def _pore_network(r: Results) -> Figure | None:
+    twin = _network(r, "twin:network")
+    if twin is None or len(network.element_sizes(twin)["pore_radius_um"]) == 0:
+        return None
+    reference = _network(r, "sample:reference_network") if _measured_alike(r) else None
+    sizes = (None if n is None else network.element_sizes(n) for n in (twin, reference))
+    joined = _values(r.table("twin:metrics.csv")).get("network_coarsen", 1)
+    return figures.network_figure(*sizes, joined * r.json("variant:scene.json")["voxel_size_um"])
+
+
+def _ensembles(r: Results) -> Figure | None:
+    rows = _summary(r)
+    if rows is None or len(rows) < 2:
+        return None
+    return figures.comparison_figure(rows, intervals(rows, COMPARED))
+
+
+SOURCES = {
+    "section": (
+        _section,
+        ["sample:section.zarr.zip"],
+        ["sample:labels.zarr.zip", "sample:grains2d.csv", "sample:pores2d.csv", "sample:section.json"],
+    ),
+    "sizes": (
+        _sizes,
+        ["sample:sizes.csv"],
+        ["sample:truth_sizes.csv", "sample:section.json", "twin:grains2d.csv", "twin:pores2d.csv",
+         "twin:bodies.csv", "twin:cement.json", "twin:twin.zarr.zip"],
+    ),
+    "gallery": (
+        _grain_gallery,
+        ["sample:grains3d/library.csv", "sample:labels.zarr.zip"],
+        ["sample:grains3d/shapes.npz"],
+    ),
+    "packings": (
+        _packings,
+        ["twin:twin.zarr.zip"],
+        ["twin:first/volume.zarr.zip", "twin:second/volume.zarr.zip", "twin:metrics.csv"],
+    ),
+    "forces": (_forces, ["twin:contacts.csv"], ["twin:bodies.csv", "variant:scene.json"]),
+    "virtual": (_virtual, ["twin:virtual_spheres.csv"], ["twin:second/packing.json"]),
+    "s2": (
+        _s2,
+        ["twin:s2_slices.csv"],
+        ["variant:s2_envelope.csv", "variant:s2_envelope.json", "sample:reference_s2.csv"],
+    ),
+    "network": (
+        _pore_network,
+        ["twin:network_pores.csv", "twin:network_throats.csv", "variant:scene.json"],
+        ["sample:reference_network_pores.csv", "sample:reference_network_throats.csv",
+         "twin:metrics.csv"],
+    ),
+    "block": (_block, ["twin:twin.zarr.zip"], ["sample:section.json"]),
+    "ensembles": (_ensembles, ["root:summary.csv"], []),
+}  # fmt: skip
+"""Figure name to what draws it, the files without which there is nothing to draw, and others in it."""
+
+
 def figure_files(
     results_dir: str | Path, sample: str, variant: str | None = None, realization: int | None = None
 ) -> dict[str, FigureFile]:
@@ -176,124 +303,11 @@ def figure_files(
         writes one as a file; ``needs`` and ``uses`` are its inputs.
     """
     r = Results(results_dir, sample, variant, realization)
-
-    def section() -> Figure:
-        return figures.section_figure(
-            r.section_phase,
-            r.pixel_size_um,
-            r.phases,
-            r.volume("sample:labels.zarr.zip", "grains"),
-            r.table("sample:pores2d.csv"),
-            r.table("sample:grains2d.csv"),
-            r.volume("sample:section.zarr.zip", "grey"),
-        )
-
-    def sizes() -> Figure | None:
-        table = r.table("sample:sizes.csv")
-        if table is None or table.empty:
-            return None
-        return figures.sizes_figure(
-            table,
-            r.phases,
-            r.table("sample:truth_sizes.csv"),
-            r.table("twin:grains2d.csv"),
-            r.table("twin:pores2d.csv"),
-            drawn_grains(r),
-        )
-
-    def grain_gallery() -> Figure | None:
-        chosen = gallery(r)
-        return figures.gallery_figure(chosen, r.phases) if chosen else None
-
-    def block() -> Figure:
-        attributes, _ = r.attributes("twin:twin.zarr.zip")
-        with r.opened("twin:twin.zarr.zip") as (twin,):
-            return figures.block_figure(twin, attributes["voxel_size_um"], r.twin_phases)
-
-    def packings() -> Figure:
-        attributes, _ = r.attributes("twin:twin.zarr.zip")
-        by_name = _values(r.table("twin:metrics.csv"))
-        porosities = [by_name.get(k) for k in ("porosity_first", "porosity_second", "porosity")]
-        with r.opened(*PACKED) as volumes:
-            return figures.packings_figure(*volumes, attributes["voxel_size_um"], r.twin_phases, porosities)
-
-    def forces() -> Figure | None:
-        contacts, bodies = r.table("twin:contacts.csv"), r.table("twin:bodies.csv")
-        scene = r.json("variant:scene.json")
-        if contacts is None or bodies is None or scene is None:
-            return None
-        return figures.forces_figure(contacts, bodies, scene["edge_um"], scene["mean_diameter_um"])
-
-    def virtual() -> Figure | None:
-        table = r.table("twin:virtual_spheres.csv")
-        if table is None or table.empty:
-            return None
-        return figures.virtual_figure(table, (r.json("twin:second/packing.json") or {}).get("p_sp"))
-
-    def s2() -> Figure:
-        return figures.s2_figure(
-            r.table("twin:s2_slices.csv"),
-            r.table("variant:s2_envelope.csv"),
-            r.json("variant:s2_envelope.json"),
-            r.table("sample:reference_s2.csv"),
-        )
-
-    def pore_network() -> Figure | None:
-        twin = _network(r, "twin:network")
-        if twin is None or len(network.element_sizes(twin)["pore_radius_um"]) == 0:
-            return None
-        reference = _network(r, "sample:reference_network") if _measured_alike(r) else None
-        sizes = (None if n is None else network.element_sizes(n) for n in (twin, reference))
-        joined = _values(r.table("twin:metrics.csv")).get("network_coarsen", 1)
-        return figures.network_figure(*sizes, joined * r.json("variant:scene.json")["voxel_size_um"])
-
-    def ensembles() -> Figure | None:
-        rows = _summary(r)
-        if rows is None or len(rows) < 2:
-            return None
-        return figures.comparison_figure(rows, intervals(rows, COMPARED))
-
-    sources = {
-        "section": (
-            section,
-            ["sample:section.zarr.zip"],
-            ["sample:labels.zarr.zip", "sample:grains2d.csv", "sample:pores2d.csv", "sample:section.json"],
-        ),
-        "sizes": (
-            sizes,
-            ["sample:sizes.csv"],
-            ["sample:truth_sizes.csv", "sample:section.json", "twin:grains2d.csv", "twin:pores2d.csv",
-             "twin:bodies.csv", "twin:cement.json", "twin:twin.zarr.zip"],
-        ),
-        "gallery": (
-            grain_gallery,
-            ["sample:grains3d/library.csv", "sample:labels.zarr.zip"],
-            ["sample:grains3d/shapes.npz"],
-        ),
-        "packings": (
-            packings,
-            ["twin:twin.zarr.zip"],
-            ["twin:first/volume.zarr.zip", "twin:second/volume.zarr.zip", "twin:metrics.csv"],
-        ),
-        "forces": (forces, ["twin:contacts.csv"], ["twin:bodies.csv", "variant:scene.json"]),
-        "virtual": (virtual, ["twin:virtual_spheres.csv"], ["twin:second/packing.json"]),
-        "s2": (
-            s2,
-            ["twin:s2_slices.csv"],
-            ["variant:s2_envelope.csv", "variant:s2_envelope.json", "sample:reference_s2.csv"],
-        ),
-        "network": (
-            pore_network,
-            ["twin:network_pores.csv", "twin:network_throats.csv", "variant:scene.json"],
-            ["sample:reference_network_pores.csv", "sample:reference_network_throats.csv",
-             "twin:metrics.csv"],
-        ),
-        "block": (block, ["twin:twin.zarr.zip"], ["sample:section.json"]),
-        "ensembles": (ensembles, ["root:summary.csv"], []),
-    }  # fmt: skip
     return {
-        name: FigureFile(name, *TEXTS[name], tuple(map(r.path, needs)), tuple(map(r.path, uses)), make)
-        for name, (make, needs, uses) in sources.items()
+        name: FigureFile(
+            name, *TEXTS[name], tuple(map(r.path, needs)), tuple(map(r.path, uses)), partial(make, r)
+        )
+        for name, (make, needs, uses) in SOURCES.items()
     }
 
 
