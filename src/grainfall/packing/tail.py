@@ -57,7 +57,7 @@ class PoreTail:
 def pore_tail(
     section: pd.DataFrame,
     slices: pd.DataFrame,
-    porosity_section: float,
+    porosity_target: float,
     porosity_first: float,
     rng: np.random.Generator,
 ) -> PoreTail:
@@ -71,8 +71,8 @@ def pore_tail(
     ----------
     section, slices : DataFrame
         Pore circles: r_um, weight (0 for circles that a border cuts); those of the packing with ``slice``.
-    porosity_section, porosity_first : float
-        Areal porosity of the section and porosity of the first packing.
+    porosity_target, porosity_first : float
+        Porosity asked for (as a rule that of the section), and of the first packing.
     rng : numpy.random.Generator
 
     Returns
@@ -98,7 +98,7 @@ def pore_tail(
         target,
         first,
         float(np.quantile(differences, 1 - CONFIDENCE)),
-        max(0.0, float(porosity_section * beyond - porosity_first * of_own)),
+        max(0.0, float(porosity_target * beyond - porosity_first * of_own)),
     )
 
 
