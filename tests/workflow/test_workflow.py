@@ -16,7 +16,7 @@ import zarr
 from outputs import outputs, unchunked
 
 from conftest import ROOT, TINY, planned, snakemake, write_config
-from grainfall import flow, io, packing, provenance, stereology
+from grainfall import flow, io, packing, presets, provenance, stereology
 from grainfall.export import FORMATS
 from grainfall.io import read_volume
 from grainfall.report import SUMMARY_COLUMNS
@@ -324,6 +324,24 @@ def test_a_sweep_of_parameters_grows_by_its_rows(finished, tmp_path):
     jobs = planned(folder, "--", "results/sweep.csv")
     assert (jobs["scene"], jobs["first_packing"], jobs["sweep_table"]) == (1, 2, 1)
     assert not {"synthesise", "morphology", "unfold_sizes", "grain_library", "reference_flow"} & set(jobs)
+
+
+def test_an_accuracy_asked_for_is_expected_and_measured(finished, tmp_path):
+    """The cheapest preset is that of the finished run, so nothing is packed anew."""
+    folder = shutil.copytree(finished, tmp_path / "asked")
+    asked = {key: value for key, value in TINY.items() if key != "preset"}
+    write_config(folder, {**asked, "accuracy": {"metric": "k", "tolerance": 0.5}})
+    wanted = [f"results/tiny/full/0/{name}" for name in ("metrics.csv", "plan.json")]
+    assert set(planned(folder, "--", *wanted)) <= {"metrics", "plan"}
+    done = snakemake(folder, "--", *wanted)
+    assert done.returncode == 0, done.stdout[-3000:]
+    metrics = pd.read_csv(folder / wanted[0]).set_index("metric")
+    k, of_truth = (metrics.loc[[f"{k}_{a}_md" for a in "xyz"], "value"].mean() for k in ("k", "k_ref"))
+    assert metrics.loc["accuracy_error", "value"] == pytest.approx(abs(k / of_truth - 1))
+    draft = next(row for row in presets.measured() if (row.preset, row.metric) == ("draft", "k"))
+    target = metrics.loc["accuracy_error_target"]
+    assert (target["value"], target["upper"]) == (pytest.approx(draft.error), 0.5)
+    assert "draft is measured to miss permeability by" in (folder / wanted[1]).read_text()
 
 
 def test_the_scheduler_looks_for_jobs_no_more_often_than_it_says(finished, tmp_path):
