@@ -90,7 +90,7 @@ def _verdict(name: str, known: Metric, value: float | None, rows: Mapping) -> tu
         return wanted, "met", "met"
     if name == "porosity":
         gap = number(abs(value - aim), 2)
-        words = f"porosity {number(value)} misses {number(aim)} by {gap}"
+        words = f"porosity {number(value, 4)} misses {number(aim, 4)} by {gap}"
         return wanted, f"{words}: the plan says what kept position scaling from closing it", "missed"
     if name.startswith("k_"):
         how = "nothing flows through the twin" if value == 0 else _relative(value, aim)
