@@ -263,6 +263,15 @@ def test_sections_are_told_from_twins_by_more_than_from_their_truth(by, status):
     assert claim.status == {SHOWN: NOT_SHOWN, NOT_SHOWN: SHOWN, OPEN: OPEN}[status]
 
 
+@pytest.mark.parametrize(("by", "status"), [(-0.001, SHOWN), (-0.05, NOT_SHOWN), (-0.01, OPEN)])
+def test_a_skeleton_that_falls_is_not_stable(by, status):
+    own = {s: [by + 1e-3 * d] for s, d in zip("abc", (-1, 0, 1), strict=True)}
+    table = aggregate(figures(own, "virtual_spheres", "full", "resettled_porosity", 0.0))
+    (claim,) = (c for c in claims(table) if "stable" in c.claim)
+    assert claim.status == status
+    assert not any("stable" in c.claim for c in claims(table.assign(quantity="k_ratio")))
+
+
 @pytest.mark.parametrize(("by", "status"), [(0.02, SHOWN), (-0.02, NOT_SHOWN), (0.0, OPEN)])
 @pytest.mark.parametrize(
     ("case", "without"), [("stereology", "no_inversion"), ("virtual_spheres", "grains_only")]

@@ -201,6 +201,21 @@ def _spheres(table: pd.DataFrame) -> list[Claim]:
                 "shown as curves" if paper else "-",
             ),
         ]  # fmt: skip
+        change, moved, lost = (
+            row_of(table, case, "full", name)
+            for name in ("resettled_porosity", "resettled_moved", "lost_support")
+        )
+        if change is not None:
+            found.append(
+                Claim(
+                    case,
+                    "The matrix is stable once the spheres are gone: settled anew it keeps its porosity (to 0.01)",
+                    "a physically stable matrix" if paper else "-",
+                    f"changes by {_said(change, 2)}; share of grains that move by more than 0.1 radii "
+                    f"{_said(moved, 2)}; that lost their support {_said(lost, 2)}",
+                    _within(change, 0.0, 0.01),
+                )
+            )
         for what, quantity, shaped in (("K", "k_ratio", k), ("the tail", "pore_r95_ratio", kept)):
             round_, nearer = (row_of(table, case, "round", f"{quantity}{end}") for end in ("", "_nearer"))
             if nearer is not None:
