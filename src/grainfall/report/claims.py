@@ -209,7 +209,7 @@ def _spheres(table: pd.DataFrame) -> list[Claim]:
             found.append(
                 Claim(
                     case,
-                    "The matrix is stable once the spheres are gone: settled anew it keeps its porosity (to 0.01)",
+                    "The matrix is stable without the spheres: settled anew it keeps its porosity (to 0.01)",
                     "a physically stable matrix" if paper else "-",
                     f"changes by {_said(change, 2)}; share of grains that move by more than 0.1 radii "
                     f"{_said(moved, 2)}; that lost their support {_said(lost, 2)}",
