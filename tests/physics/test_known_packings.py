@@ -50,7 +50,7 @@ def test_ellipsoids_lie_denser_than_spheres():
     oblong = packing.ellipsoids(Case("ellipsoids", friction=0.0), 0, 2.5, 1.0, fine=1)
     equal = packing.pour(Case("poured", friction=0.0), 0, grains(200), None, 2.5, 1.0)
     assert 0.735 > oblong["solid_fraction"] > equal["solid_fraction"] + 0.05
-    # turned bodies are held by more contacts: 12 for a body of six freedoms, 10 have been seen at such shapes
+    # isostatic beds have two contacts for each way a body may move: 6 a sphere, up to 12 where it may turn
     assert oblong["z"] > equal["z"] + 1
 
 

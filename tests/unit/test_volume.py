@@ -349,7 +349,8 @@ def test_correction_reaches_the_target_and_keeps_the_grains(change):
 def test_what_two_spheres_share_is_their_lens(apart):
     """pi (4 + d) (2 - d)^2 / 12 of unit spheres whose centres are d apart; a third, far away, shares none."""
     rows = [(-1, 12.0, (x, 16.3, 15.8)) for x in (14.0, 14.0 + 12.0 * apart)] + [(-1, 6.0, (66.0, 16, 16))]
-    found = volume.shared_share(bodies_of(rows), library_of(), (32, 32, 74), 1.0)
+    slabs = list(volume.claimed_slabs(bodies_of(rows), library_of(), (32, 32, 74), 1.0))
+    found = sum(shared for _, shared in slabs) / sum(np.count_nonzero(body) for body, _ in slabs)
     lens = np.pi * (4 + apart) * max(0.0, 2 - apart) ** 2 / 12
     whole = 2 * 4 / 3 * np.pi - lens + 4 / 3 * np.pi / 8
     assert found == pytest.approx(lens / whole, abs=2e-3)

@@ -9,9 +9,9 @@ from grainfall.volume.finish import finish, make_room, size_factor, write_twin
 from grainfall.volume.measures import adjacent_pairs, describe, euler_number, porosity
 from grainfall.volume.scan import (
     VIRTUAL,
+    claimed_slabs,
     packed_porosity,
     porosity_about,
-    shared_share,
     voxelise,
     voxelise_slabs,
 )
@@ -23,6 +23,7 @@ __all__ = [
     "as_minerals",
     "bed_between_voids",
     "cement",
+    "claimed_slabs",
     "coarse_shape",
     "coarsen",
     "compact",
@@ -40,7 +41,6 @@ __all__ = [
     "porosity",
     "porosity_about",
     "read_pore_space",
-    "shared_share",
     "size_factor",
     "void_circles",
     "void_width",

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 
 import numpy as np
 import pandas as pd
 
 from grainfall.volume.measures import describe
-from grainfall.volume.scan import Meshes, packed_porosity, shared_share, voxelise_slabs
+from grainfall.volume.scan import Meshes, claimed_slabs, packed_porosity
 
 TOLERANCE = 0.0005
 """Largest porosity error that is left where the correction is applied."""
@@ -60,7 +61,7 @@ def correct_porosity(
     report : dict
         applied, forced, reason, target, limit, scale_factor, passes (scales tried), wall_s, before and
         after: porosity, euler (of the pore space, 6-connected), contacts (pairs of grains that share voxel
-        faces), contact_area_um2, shared_share (:func:`grainfall.volume.scan.shared_share`).
+        faces), contact_area_um2, shared_share (of the solid, claimed by several grains).
 
     Notes
     -----
@@ -81,9 +82,17 @@ def _corrected(
     centre = 0.5 * voxel_size_um * np.asarray(shape[::-1], float)
 
     def described(moved: pd.DataFrame) -> dict:
-        slabs = voxelise_slabs(moved, library, shape, voxel_size_um)
-        shared = shared_share(moved, library, shape, voxel_size_um)
-        return {**describe((body for _, _, body in slabs), voxel_size_um), "shared_share": shared}
+        shared = 0
+
+        def slabs() -> Iterator[np.ndarray]:
+            nonlocal shared
+            for body, more in claimed_slabs(moved, library, shape, voxel_size_um):
+                shared += more
+                yield body
+
+        found = describe(slabs(), voxel_size_um)
+        solid = round((1 - found["porosity"]) * np.prod(shape))
+        return {**found, "shared_share": shared / solid if solid else 0.0}
 
     def gap_at(s: float) -> float:
         return packed_porosity(scale_positions(grains, centre, s), library, shape, voxel_size_um) - target

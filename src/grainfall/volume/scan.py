@@ -142,27 +142,29 @@ def packed_porosity(
     return 1.0 - solid / prod(int(n) for n in shape)
 
 
-def shared_share(
+def claimed_slabs(
     bodies: pd.DataFrame,
     library: Meshes,
     shape: tuple[int, int, int],
     voxel_size_um: float,
-) -> float:
-    """Share of the solid's voxels that two bodies or more claim: what a packing owes to overlaps.
+) -> Iterator[tuple[np.ndarray, int]]:
+    """Voxelise slab by slab, and count what several bodies claim: what a packing owes to overlaps.
 
     Parameters are those of :func:`voxelise`. A voxel is given to the lowest id that claims it; scanned with
     the ids in the opposite order, what only one body claims is given to the same one.
+
+    Yields
+    ------
+    body : (<= slab, ny, nx) int32
+    shared : int
+        Voxels of the slab that two bodies or more claim.
     """
     ids = bodies["id"].to_numpy(np.int64)
     last = int(ids.max(initial=0))
     turned = voxelise_slabs(bodies.assign(id=last - ids), library, shape, voxel_size_um)
-    solid = shared = 0
-    for (_, _, one), (_, _, other) in zip(
-        voxelise_slabs(bodies, library, shape, voxel_size_um), turned, strict=True
-    ):
-        solid += int(np.count_nonzero(one))
-        shared += int(np.count_nonzero((one > 0) & (one != last + 2 - other)))
-    return shared / solid if solid else 0.0
+    slabs = voxelise_slabs(bodies, library, shape, voxel_size_um)
+    for (_, _, body), (_, _, other) in zip(slabs, turned, strict=True):
+        yield body, int(np.count_nonzero((body > 0) & (body != last + 2 - other)))
 
 
 def porosity_about(
