@@ -70,6 +70,9 @@ sweep: $(VENV)/.ready  ## an example of a sweep: config/sweep.tsv in, results/sw
 verify: $(VENV)/.ready  ## is everything behind the results still as it was? Says what changed; status 1 if anything did
 	$(BIN)/python -m grainfall.provenance
 
+consolidated: $(VENV)/.ready  ## a rock as dense as Fontainebleau sandstone: five truths, one twin of each
+	$(SNAKEMAKE) --configfile config/cases/consolidated.yaml
+
 engines: $(VENV)/.ready  ## PhysX and Bullet side by side, five paired realizations
 	$(SNAKEMAKE) --configfile config/cases/engines.yaml
 

@@ -216,6 +216,15 @@ class TestPick:
         assert {row.metric for row in rows} <= set(presets.METRICS)
         assert all(0 <= row.error < row.upper and row.cpu_s > 0 for row in rows)
 
+    def test_every_preset_is_on_a_front(self):
+        """None costs more than another without being nearer in something."""
+        table = pd.DataFrame(presets.measured())
+        fronts = [
+            rows["preset"][accuracy.front(rows["cpu_s"].to_numpy(), rows["error"].to_numpy())]
+            for _, rows in table.groupby("metric")
+        ]
+        assert set().union(*fronts) == set(table["preset"])
+
     def test_committed_table_picks_for_a_config(self, schema, ready):
         """The largest tolerance takes the cheapest preset, whose values the config then has."""
         cheapest = min((row for row in presets.measured() if row.metric == "k"), key=lambda row: row.cpu_s)

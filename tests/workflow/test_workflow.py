@@ -191,10 +191,13 @@ def test_a_bed_settles_anew_where_it_lies_in_its_box_wherever_its_region_does(fi
     assert after["porosity_before"] != before["porosity_before"]
 
 
+DENSE = 0.086  # Fontainebleau sandstone
+
+
 def dense(**effects):
     """Variants too dense for their grains, by what they leave off of what is called for."""
     off = {name: {"densification": "off", **over} for name, over in effects.items()}
-    return {name: {"scene": {"porosity": 0.12}, "effects": over} for name, over in off.items()}
+    return {name: {"scene": {"porosity": DENSE}, "effects": over} for name, over in off.items()}
 
 
 COMPARED = dense(pressed={}, cemented={"compaction": "off"})
@@ -225,7 +228,7 @@ def test_rock_too_dense_for_its_grains_is_cemented(consolidated):
     phase = group["phase"][...]
     assert group.attrs["phases"] == ["pore", "quartz", "feldspar", "cement"]
     assert set(np.unique(phase)) == {0, 1, 2, 3}
-    assert abs(np.count_nonzero(phase == 0) - 0.12 * phase.size) <= 1
+    assert abs(np.count_nonzero(phase == 0) - DENSE * phase.size) <= 1
     metrics = pd.read_csv(cemented / "metrics.csv").set_index("metric")["value"]
     without, _ = read_volume(bare / "twin.zarr.zip", "phase")
     # shares of the minerals are shares of the grains, with their rims or without; of a little more of the bed
@@ -249,7 +252,7 @@ def test_rock_too_dense_for_its_grains_is_cemented(consolidated):
     # switched off, it visibly misses
     assert not missed["cement"]["on"]
     assert "although the packing leaves a porosity of" in missed["cement"]["reason"]
-    assert (without == 0).mean() - 0.12 > 0.1
+    assert (without == 0).mean() - DENSE > 0.1
     assert missed["compaction"]["reason"] == "there are no rims"
     # the section's grains are rougher than such rims; pressed into each other they keep more of their surface
     assert "pressed to" in json.loads((pressed / "plan.json").read_text())["compaction"]["reason"]
