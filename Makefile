@@ -14,7 +14,7 @@ BEREA ?= $(wildcard ../shared/data/berea/berea_400_pore1.tif)
 export BEREA
 CASES := stereology virtual_spheres virtual_spheres_deep berea xct cv_sweep
 
-.PHONY: setup demo test lint format docs cases validation sweep accuracy accuracy-presets thin-section engines report bench-costs bench-stereology bench-segmentation bench-engines bench-creep bench-packing bench-decomposition bench-structure bench-overhead bench-needs bench-network bench-permeability paper-scale hard-cases faults verify clean
+.PHONY: setup demo test lint format docs cases validation sweep accuracy accuracy-presets thin-section engines consolidated report bench-costs bench-stereology bench-segmentation bench-engines bench-creep bench-packing bench-decomposition bench-structure bench-overhead bench-needs bench-network bench-permeability paper-scale hard-cases faults verify clean
 
 demo: $(VENV)/.ready  ## the embedded demo, to results/summary.csv and results/report.html
 	$(SNAKEMAKE)

@@ -41,6 +41,9 @@ def test_the_table_has_what_was_tried(swept):
     off = [abs(twin["k_md"] / truth["k_md"] - 1) for twin in twins]
     assert rows.loc[("twin", "k"), "n"] == 1  # two twins of one truth
     assert rows.loc[("twin", "k"), "error"] == pytest.approx(sum(off) / 2, rel=1e-3)
+    repeats = pd.read_csv(swept / "results/accuracy/repeats.csv").query("scene == 'twin' and metric == 'k'")
+    assert repeats["repeat"].tolist() == ["tiny/0", "tiny/1"]
+    assert repeats["difference"].abs().tolist() == pytest.approx(off, rel=1e-3)
     itself = rows.loc[[("packing", "k")]]
     assert itself["error"].isna().all()
     assert (itself["cpu_s"] > 0).all()

@@ -136,6 +136,7 @@ rule accuracy_table:
     output:
         table="results/accuracy/accuracy.csv",
         presets="results/accuracy/presets.csv",
+        repeats="results/accuracy/repeats.csv",
     log:
         "results/accuracy/logs/table.log",
     benchmark:
