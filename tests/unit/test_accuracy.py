@@ -326,6 +326,33 @@ class TestKnownTruths:
             known.alone(lambda: __import__("os")._exit(3))
 
 
+class TestChance:
+    """A bias is held against none, a distance, which is never 0, against that of the same thing again."""
+
+    def told(self, differences: list[float], metric: str, again: list[float]) -> bool:
+        rows = repeats({"setting": differences, "again": again}, {"setting": 1, "again": 1})
+        rows = accuracy.summarise(rows.assign(metric=metric))
+        setting = rows["setting"] == "setting"
+        return accuracy.beyond_chance(rows[setting], rows[~setting]).item()
+
+    def test_a_bias_within_its_scatter_is_chance(self):
+        assert not self.told([0.2, -0.1, 0.1], "k", [0.01, 0.01, 0.01])
+
+    def test_a_bias_beyond_its_scatter_is_not(self):
+        assert self.told([-0.2, -0.21, -0.19], "k", [0.5, -0.5, 0.5])
+
+    def test_a_distance_is_chance_up_to_that_of_the_same_again(self):
+        assert not self.told([0.20, 0.21, 0.19], "s2", [0.3, 0.3, 0.3])
+        assert self.told([0.20, 0.21, 0.19], "s2", [0.1, 0.1, 0.1])
+
+    def test_where_chance_was_not_measured_nothing_is_hidden(self):
+        rows = accuracy.summarise(repeats({"setting": [0.2, 0.2]}, {"setting": 1}).assign(metric="s2"))
+        assert accuracy.beyond_chance(rows, rows[:0]).item()
+
+    def test_a_single_repeat_tells_nothing_and_is_shown(self):
+        assert self.told([0.2], "k", [0.1])
+
+
 class TestTheStudy:
     def test_config_names_what_there_is(self, root, schema, ready):
         study = config.resolve(config.load_yaml(root / "config/cases/accuracy.yaml"), schema, ready)
@@ -347,12 +374,12 @@ class TestTheStudy:
             assert study["feedback"] == own["feedback"]
 
     def test_page_draws_what_is_there(self, root):
-        """Half a sweep gives half a page; every setting on a front is named."""
+        """Half a sweep gives half a page; a setting is named where it differs by more than chance."""
         sweep = config.load_yaml(root / "config/cases/accuracy.yaml")["accuracy_sweep"]
-        rows = repeats({"coarse": [0.2, 0.3], "fine": [0.05, 0.04]}, {"coarse": 1, "fine": 9})
+        rows = repeats({"coarse": [0.2, 0.21], "fine": [0.05, -0.04]}, {"coarse": 1, "fine": 9})
         figure = accuracy_figure(accuracy.summarise(rows.assign(knob="together")), sweep)
         said = [text.get_text() for part in figure.subfigs for axis in part.axes for text in axis.texts]
-        assert said == ["coarse", "fine"]
+        assert said == ["coarse"]
 
     def test_every_knob_has_its_panel(self):
         rows = repeats({"1": [0.2, 0.3], "2": [0.05, 0.04]}, {"1": 1, "2": 9})

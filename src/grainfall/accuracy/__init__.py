@@ -6,10 +6,11 @@ is in :mod:`grainfall.presets`.
 """
 
 from grainfall.accuracy.observe import differences, from_tables, observe, pooled
-from grainfall.accuracy.table import COLUMNS, front, gather, presets_of, rounded, summarise
+from grainfall.accuracy.table import COLUMNS, beyond_chance, front, gather, presets_of, rounded, summarise
 
 __all__ = [
     "COLUMNS",
+    "beyond_chance",
     "differences",
     "from_tables",
     "front",

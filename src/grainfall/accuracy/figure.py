@@ -2,42 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from grainfall.accuracy.table import PACKING, TWIN
+from grainfall.accuracy.table import CHANCE, PACKING, TWIN, beyond_chance
 from grainfall.presets import METRICS
-from grainfall.report.figures import (
-    FIRST,
-    MINERALS,
-    PORE_CIRCLE,
-    SECTION,
-    TRUTH,
-    WIDTH,
-    styled,
-)
-from grainfall.report.figures import (
-    TWIN as TWIN_COLOUR,
-)
+from grainfall.report.figures import FIRST, MINERALS, PORE_CIRCLE, SECTION, TRUTH, WIDTH, styled
+from grainfall.report.figures import TWIN as TWIN_COLOUR
 
-CHANCE = "chance"
-
-KNOB_LOOKS: dict[str, tuple[str, str]] = {
-    "base": (SECTION, "*"),
-    "time_step": (MINERALS[0], "o"),
-    "solver_iterations": (FIRST, "s"),
-    "hull_vertices": (TWIN_COLOUR, "^"),
-    "contact_points": (TRUTH, "D"),
-    "collision_shape": (MINERALS[1], "v"),
-    "engine": (PORE_CIRCLE, "P"),
-    "together": (MINERALS[2], "X"),
-}
-"""Colour and marker of the packing's knobs; others are grey circles."""
+GREY = "#999999"
 
 METRIC_LOOKS: dict[str, tuple[str, str]] = {
     "porosity": (MINERALS[0], "o"),
@@ -50,18 +30,36 @@ METRIC_LOOKS: dict[str, tuple[str, str]] = {
 }
 """Colour and marker of the metrics where they share a panel."""
 
+PRESET_MARKERS = ("o", "s", "^", "D", "v", "P")
+
 TITLES = {
     "flow_tier": "flow tier",
     "network_method": "pore network",
     "voxels_per_grain": "voxels across a grain",
-    "coarsen": "voxels joined before the network",
+    "coarsen": "voxels joined first",
     "grains_across": "grains across the box",
     "realizations": "realizations",
     "slices": "slices behind S₂",
-    "stereology_rule": "stereology: rule and bins",
-    "sections": "sections behind the sizes",
+    "stereology_rule": "stereology: rule, bins",
+    "sections": "grains on the section",
 }
-PER_ROW = 3
+"""Of the knobs of the analysis."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """A part of the page: panels that are drawn alike, and what their marks mean."""
+
+    title: str
+    panels: list[str]
+    rows: pd.DataFrame
+    across: int
+    draw: Callable
+    marks: Callable[[pd.DataFrame], list[Line2D]]
+
+    @property
+    def n_rows(self) -> int:
+        return -(-len(self.panels) // self.across)
 
 
 @styled
@@ -83,29 +81,34 @@ def accuracy_figure(table: pd.DataFrame, sweep: Mapping) -> Figure:
     table = table[table["cpu_s"].notna()]
     packing, presets = (table[table["scene"] == scene] for scene in (PACKING, TWIN))
     known = [knob for knob in sweep["known"] if (table["scene"] == knob).any()]
+    analysis = table[table["scene"].isin(known)]
+    against = sweep["against"]
     blocks = [
-        (f"Packing: first packings against {sweep['against']}", _metrics(packing), packing, _packing_panel),
-        ("Presets: whole twins against the 3D truth", _metrics(presets), presets, _preset_panel),
-        ("Analysis: volumes and sections of known truth", known, table, _known_panel),
+        Block(f"Packing: first packings against {against}", _metrics(packing), packing, 3, *PACKING_LOOK),
+        Block("Presets: whole twins against the truth", _metrics(presets), presets, 5, *PRESET_LOOK),
+        Block("Analysis: volumes and sections of known truth", known, analysis, 3, *ANALYSIS_LOOK),
     ]
-    blocks = [block for block in blocks if block[1]]
-    rows = [-(-len(panels) // PER_ROW) for _, panels, _, _ in blocks]
-    figure = Figure(figsize=(WIDTH, 1.75 * sum(rows) + 0.45 * len(rows)))
-    parts = np.atleast_1d(figure.subfigures(len(blocks), 1, height_ratios=[n + 0.3 for n in rows]))
-    for part, n, (title, panels, found, draw) in zip(parts, rows, blocks, strict=True):
-        part.suptitle(title, fontsize=10, fontweight="bold", x=0.01, ha="left")
-        axes = part.subplots(n, PER_ROW, squeeze=False)
-        for axis, name in zip(axes.flat, panels, strict=False):
-            draw(axis, found, name)
+    blocks = [block for block in blocks if block.panels]
+    heights = [1.35 * block.n_rows + 0.6 for block in blocks]
+    figure = Figure(figsize=(WIDTH, sum(heights)))
+    parts = np.atleast_1d(figure.subfigures(len(blocks), 1, height_ratios=heights))
+    for part, block in zip(parts, blocks, strict=True):
+        part.suptitle(block.title, fontsize=9.5, fontweight="bold", x=0.01, ha="left")
+        axes = part.subplots(block.n_rows, block.across, squeeze=False)
+        for axis, name in zip(axes.flat, block.panels, strict=False):
+            block.draw(axis, block.rows, name)
             axis.set_xscale("log")
+            axis.margins(x=0.15)
             _plain_ticks(axis.xaxis)
-            axis.tick_params(labelsize=7)
-        for axis in list(axes.flat)[len(panels) :]:
+            axis.tick_params(labelsize=6.5)
+        for axis in list(axes.flat)[len(block.panels) :]:
             axis.set_axis_off()
         for axis in axes[-1]:
-            axis.set_xlabel("CPU time, s", fontsize=8)
-        if draw is not _preset_panel:
-            _legend(part, panels, found, draw)
+            axis.set_xlabel("CPU time, s", fontsize=7)
+        marks = block.marks(block.rows)
+        columns = len(marks) if len(marks) <= 6 else -(-len(marks) // 2)
+        look = {"ncols": columns, "fontsize": 6.5, "handletextpad": 0.3, "columnspacing": 1.2}
+        part.legend(handles=marks, loc="outside lower center", **look)
     return figure
 
 
@@ -113,98 +116,121 @@ def _metrics(rows: pd.DataFrame) -> list[str]:
     return [name for name in METRICS if (rows["metric"] == name).any()]
 
 
-def _legend(part, panels: list[str], found: pd.DataFrame, draw) -> None:
-    if draw is _packing_panel:
-        looks = {k: look for k, look in KNOB_LOOKS.items() if (found["knob"] == k).any()}
-        words = {k: k.replace("_", " ") for k in looks}
-    else:
-        used = set(found[found["scene"].isin(panels)]["metric"])
-        looks = {k: look for k, look in METRIC_LOOKS.items() if k in used}
-        words = {k: METRICS[k].label for k in looks}
-    handles = [
-        Line2D([], [], ls="", marker=marker, ms=4.5, color=colour, label=words[k])
-        for k, (colour, marker) in looks.items()
+# ---- what marks mean
+
+
+def _mark(label: str, marker: str = "", colour: str = GREY, line: str = "", hollow: bool = False) -> Line2D:
+    face = "white" if hollow else colour
+    return Line2D([], [], ls=line, lw=0.9, marker=marker, ms=4.5, color=colour, mfc=face, label=label)
+
+
+def _front_marks(colour: str) -> list[Line2D]:
+    return [_mark("on the front", "o", colour, "-"), _mark("dominated", "o", colour, hollow=True)]
+
+
+def _packing_marks(rows: pd.DataFrame) -> list[Line2D]:
+    marks = [_mark("beyond chance, named", "o", TWIN_COLOUR), _mark("within chance", "o", GREY)]
+    marks += _front_marks(SECTION)
+    if (rows["knob"] == CHANCE).any():
+        marks.append(_mark("chance: the same again", line="--"))
+    return marks + _finest_mark(rows)
+
+
+def _preset_marks(rows: pd.DataFrame) -> list[Line2D]:
+    looks = zip(rows.drop_duplicates("setting").itertuples(), PRESET_MARKERS, strict=False)
+    marks = [_mark(f"{row.setting}, {row.cpu_s:.0f} CPU s", marker, TWIN_COLOUR) for row, marker in looks]
+    return marks + _front_marks(SECTION)
+
+
+def _known_marks(rows: pd.DataFrame) -> list[Line2D]:
+    looks = {name: METRIC_LOOKS[name] for name in _metrics(rows)}
+    marks = [
+        _mark(f"{METRICS[name].label}, {_error(name)}", marker, colour)
+        for name, (colour, marker) in looks.items()
     ]
-    handles.append(Line2D([], [], ls="-", lw=1, color="#888888", marker="o", ms=4.5, label="on the front"))
-    handles.append(Line2D([], [], ls="", marker="o", ms=4.5, mfc="white", mec="#888888", label="dominated"))
-    if draw is _packing_panel:
-        handles.append(Line2D([], [], ls="--", lw=0.8, color="#999999", label="chance: the same again"))
-    if found["error"].isna().any():
-        handles.append(Line2D([], [], ls=":", lw=0.8, color="#999999", label="cost of the finest"))
-    part.legend(
-        handles=handles, loc="outside lower center", ncols=5, fontsize=7, handletextpad=0.2, columnspacing=1
-    )
+    return marks + _front_marks(SECTION) + _finest_mark(rows)
 
 
-def _points(axis, rows: pd.DataFrame, look, floor: float | None = None, label=None, line="#888888") -> None:
+def _finest_mark(rows: pd.DataFrame) -> list[Line2D]:
+    return [_mark("cost of the finest", line=":")] if rows["error"].isna().any() else []
+
+
+# ---- panels
+
+
+def _points(axis, rows: pd.DataFrame, look, floor: float | None = None, line: str = GREY) -> None:
     """Markers with their intervals, filled on the front, and the front's steps."""
     for cost in rows.loc[rows["error"].isna(), "cpu_s"]:  # of what the others are held against
-        axis.axvline(cost, color="#999999", lw=0.8, ls=":", zorder=0)
+        axis.axvline(cost, color=GREY, lw=0.8, ls=":", zorder=0)
     rows = rows[rows["error"].notna()]
     for row in rows.itertuples():
         colour, marker = look(row)
         low = row.lower if floor is None else max(row.lower, floor)
+        above = 1 if colour == GREY else 2
         if np.isfinite(row.upper):
-            axis.plot(
-                [row.cpu_s] * 2, [min(low, row.error), row.upper], color=colour, lw=0.7, alpha=0.6, zorder=1
-            )
+            ends = [min(low, row.error), row.upper]
+            axis.plot([row.cpu_s] * 2, ends, color=colour, lw=0.7, alpha=0.6, zorder=above)
+        face = colour if row.front else "white"
         axis.plot(
-            row.cpu_s, row.error, marker=marker, ms=5, color=colour, mfc=colour if row.front else "white",
-            mew=0.9, zorder=3,
-        )  # fmt: skip
-        if label and row.front:
-            axis.annotate(
-                label(row), (row.cpu_s, row.error), (3, 3), textcoords="offset points", fontsize=5.5, zorder=4
-            )
+            row.cpu_s, row.error, marker=marker, ms=4.5, color=colour, mfc=face, mew=0.9, zorder=above + 2
+        )
     chosen = rows[rows["front"]].sort_values("cpu_s")
-    axis.plot(chosen["cpu_s"], chosen["error"], drawstyle="steps-post", color=line, lw=0.9, zorder=2)
+    axis.plot(chosen["cpu_s"], chosen["error"], drawstyle="steps-post", color=line, lw=0.9, zorder=1)
+
+
+def _name(axis, row) -> None:
+    axis.annotate(
+        str(row.setting).replace("_", " "), (row.cpu_s, row.error), (3, 3), textcoords="offset points",
+        fontsize=6, zorder=6, path_effects=[withStroke(linewidth=1.5, foreground="white")],
+    )  # fmt: skip
 
 
 def _packing_panel(axis, table: pd.DataFrame, metric: str) -> None:
     rows = table[table["metric"] == metric]
     chance, rows = rows[rows["knob"] == CHANCE], rows[rows["knob"] != CHANCE]
-    for row in chance.itertuples():
-        if metric != "overlap":
-            axis.axhline(row.error, color="#999999", lw=0.8, ls="--", zorder=0)
-    grey = ("#777777", "o")
-    _points(axis, rows, lambda row: KNOB_LOOKS.get(row.knob, grey), label=_setting)
-    _from_zero(axis, 1.25 * pd.concat([rows["error"], chance["error"]]).max())
-    axis.set_title(METRICS[metric].label, fontsize=8)
-    axis.set_ylabel(_error(metric), fontsize=7)
-
-
-def _from_zero(axis, top: float) -> None:
-    """An axis from 0; where nothing has an error yet, its end is anywhere."""
-    axis.set_ylim(0, top if top > 0 else None)
+    overlap = metric == "overlap"  # no difference, but how deep grains overlap: chance has no part in it
+    rows = rows.assign(told=True if overlap else beyond_chance(rows, chance))
+    if not overlap:
+        for error in chance["error"]:
+            axis.axhline(error, color=GREY, lw=0.8, ls="--", zorder=0)
+    _points(axis, rows, lambda row: (TWIN_COLOUR if row.told else GREY, "o"))
+    for row in rows[rows["told"] & (rows["front"] if overlap else True)].itertuples():
+        _name(axis, row)
+    _titled(axis, metric, pd.concat([rows["error"], chance["error"]]), 1.25)
 
 
 def _preset_panel(axis, table: pd.DataFrame, metric: str) -> None:
     rows = table[table["metric"] == metric]
-    _points(axis, rows, lambda row: (TWIN_COLOUR, "o"))
-    for row in rows.itertuples():
-        axis.annotate(row.setting, (row.cpu_s, row.error), (4, 4), textcoords="offset points", fontsize=6.5)
-    _from_zero(axis, 1.1 * rows[["error", "upper"]].max(axis=None))
-    axis.margins(x=0.3)
-    axis.set_title(METRICS[metric].label, fontsize=8)
-    axis.set_ylabel(_error(metric), fontsize=7)
+    looks = dict(zip(table["setting"].unique(), PRESET_MARKERS, strict=False))
+    _points(axis, rows, lambda row: (TWIN_COLOUR, looks[row.setting]))
+    _titled(axis, metric, pd.concat([rows["error"], rows["upper"]]), 1.1)
+
+
+def _titled(axis, metric: str, errors: pd.Series, room: float) -> None:
+    """What an axis says, from 0; where nothing has an error yet, its end is anywhere."""
+    top = room * errors.max()
+    axis.set_ylim(0, top if top > 0 else None)
+    axis.set_title(METRICS[metric].label.removeprefix("the ").removesuffix(" asked for"), fontsize=7.5)
+    axis.set_ylabel(_error(metric), fontsize=6.5)
 
 
 def _known_panel(axis, table: pd.DataFrame, knob: str) -> None:
-    axis.set_title(TITLES[knob], fontsize=8)
+    axis.set_title(TITLES[knob], fontsize=7.5)
     rows = table[(table["scene"] == knob) & ~(table["error"] <= 0)]
     if rows["error"].isna().all():
         axis.text(0.5, 0.5, "no setting is off", transform=axis.transAxes, ha="center", fontsize=7)
         return
     floor = 0.5 * rows["error"].min()
     for metric in _metrics(rows):
-        own = rows[rows["metric"] == metric]
-        first = metric == _metrics(rows)[0]
         look = METRIC_LOOKS[metric]
-        _points(axis, own, lambda row, look=look: look, floor, _setting if first else None, look[0])
+        _points(axis, rows[rows["metric"] == metric], lambda row, look=look: look, floor, look[0])
+    worst = rows.sort_values("error").drop_duplicates("setting", keep="last")
+    for row in worst[worst["error"].notna()].itertuples():
+        _name(axis, row)
     axis.set_yscale("log")
     _plain_ticks(axis.yaxis)
     axis.set_ylim(floor, 2 * rows["error"].max())
-    axis.set_ylabel("error", fontsize=7)
+    axis.set_ylabel("error", fontsize=6.5)
 
 
 def _plain_ticks(axis) -> None:
@@ -215,13 +241,18 @@ def _plain_ticks(axis) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def _setting(row) -> str:
-    return str(row.setting).replace("_", " ")
-
-
 def _error(metric: str) -> str:
     return (
         METRICS[metric]
         .error.replace(" over the mean radius", " / mean r")
         .replace("Wasserstein distance", "W₁")
+        .replace(" by pore volume", "")
+        .replace(" by number", "")
+        .replace("smaller radius", "smaller r")
+        .replace("relative difference", "relative")
     )
+
+
+PACKING_LOOK = _packing_panel, _packing_marks
+PRESET_LOOK = _preset_panel, _preset_marks
+ANALYSIS_LOOK = _known_panel, _known_marks

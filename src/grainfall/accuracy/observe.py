@@ -77,6 +77,10 @@ def from_tables(s2: pd.DataFrame, flow: pd.DataFrame, method: str, sizes: Mappin
     }
 
 
+DISTANCES = ("pore_sizes", "s2", "grain_sizes")
+"""Metrics whose differences have no sign."""
+
+
 def differences(found: Mapping, held: Mapping) -> dict[str, float]:
     """How far one volume lies from another, by the names of :data:`grainfall.presets.METRICS`.
 

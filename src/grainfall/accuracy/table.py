@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from grainfall import io
-from grainfall.accuracy.observe import differences
+from grainfall.accuracy.observe import DISTANCES, differences
 from grainfall.report.ensembles import read_costs, t_interval
 
 PRESETS = "preset"
@@ -22,6 +22,9 @@ COLUMNS = (
     "bias", "bias_lower", "bias_upper", *COSTS, "front",
 )  # fmt: skip
 """Columns of results/accuracy/accuracy.csv."""
+
+CHANCE = "chance"
+"""The knob whose settings are another again."""
 
 PACKING, TWIN = "packing", "twin"
 """Scenes: grains poured once, and whole twins; a knob of the analysis is a scene of its own."""
@@ -59,7 +62,7 @@ def gather(
     if against is not None:
         pairs = [(knob, v, against) for knob, found in sweep["packing"].items() for v in found]
         pairs.append((against, against, against))
-    pairs += [("chance", setting, against) for setting, against in sweep["chance"].items()]
+    pairs += [(CHANCE, setting, against) for setting, against in sweep["chance"].items()]
     rows: list[dict] = []
     for sample in samples:
         for knob, setting, against in pairs:
@@ -155,6 +158,27 @@ def front(cost: np.ndarray, error: np.ndarray) -> np.ndarray:
     no_worse = (cost[None] <= cost[:, None]) & (error[None] <= error[:, None])
     better = (cost[None] < cost[:, None]) | (error[None] < error[:, None])
     return ~(no_worse & better).any(axis=1)
+
+
+def beyond_chance(rows: pd.DataFrame, chance: pd.DataFrame) -> pd.Series:
+    """Whether a setting's error is more than chance explains.
+
+    A difference with a sign is told from none by the 95 % interval of its bias; one without, a distance, is
+    never 0 and has to lie above that of the same thing done again, by its whole interval.
+
+    Parameters
+    ----------
+    rows, chance : DataFrame
+        Of one metric, as :func:`summarise` gives them; ``chance`` the rows of :data:`CHANCE`, perhaps none.
+
+    Returns
+    -------
+    Series of bool
+        True, too, where single repeats tell nothing.
+    """
+    signed = (rows["bias_lower"] <= 0) & (rows["bias_upper"] >= 0)
+    distance = rows["lower"] <= chance["error"].max()
+    return ~distance.where(rows["metric"].isin(DISTANCES), signed)
 
 
 def rounded(table: pd.DataFrame) -> pd.DataFrame:
