@@ -84,7 +84,7 @@ def test_friction_steepens_a_heap():
 def test_grains_set_free_stay_where_they_are(engine):
     """One seed an engine, a bed four diameters wide."""
     found = packing.rest(Case("rest", engine), 0, roi=2.0)
-    assert found["drift"] < (1e-3 if engine == "physx" else 1e-2)
+    assert found["drift"] < 1e-3
     assert found["net_force"] < 1e-2
     assert found["energy_rise"] < 1e-3
     assert found["max_overlap"] < 0.02
