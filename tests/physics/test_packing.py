@@ -161,8 +161,8 @@ def test_promises_of_a_packing(library, engine):
     np.testing.assert_allclose(np.linalg.norm(quaternion, axis=1), 1, atol=1e-6)
     assert bodies["asleep"].all()
     assert report["escaped"] == 0
-    # contacts that Bullet finds anew at other points keep a bed shivering
-    assert report["rest"]["drift_mean"] < {"physx": 1e-3, "bullet": 2e-2}[engine]
+    assert report["rest"]["at_rest"]
+    assert report["rest"]["drift_mean"] < 1e-3
     assert report["unit_um"] == 50
     assert report["max_overlap"] < 0.02
     assert report["surface_um"] >= report["surface_needed_um"] == box.roi_um[2] + box.margin_um
