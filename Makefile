@@ -33,7 +33,7 @@ $(VENV)/.ready: requirements.lock pyproject.toml
 	$(PYTHON) -m pip --python $(BIN)/python install --disable-pip-version-check --no-deps --no-build-isolation -q -e .
 	@touch $@
 
-cases: $(addprefix case-,$(CASES)) $(if $(IMAGE),thin-section)  ## the validation cases (a day on two cores; goes on where it was stopped), then the page
+cases: $(addprefix case-,$(CASES)) $(if $(IMAGE),thin-section)  ## the validation cases (a day on two cores; resumes where it stopped), then the page
 
 # What is finished goes into results/validation.html, also where the case stops half-way.
 case-%: $(VENV)/.ready  ## one case: make case-stereology; fewer twins: make case-stereology REALIZATIONS=1
@@ -57,7 +57,7 @@ thin-section: $(VENV)/.ready  ## a real section: make thin-section IMAGE=path/to
 # What is measured goes into the table and the figure, also where the sweep stops half-way.
 ACCURACY = $(SNAKEMAKE) --configfile config/cases/accuracy.yaml
 
-accuracy: $(VENV)/.ready  ## error against cost of every setting; goes on where it was stopped; more of them: REALIZATIONS=5
+accuracy: $(VENV)/.ready  ## error against cost of every setting; resumes where it stopped; more of them: REALIZATIONS=5
 	$(ACCURACY) --keep-going $(if $(REALIZATIONS),--config realizations=$(REALIZATIONS)) -- accuracy_sweep; \
 		status=$$?; $(ACCURACY) -- accuracy && exit $$status
 
@@ -110,7 +110,7 @@ bench-engines: $(VENV)/.ready
 bench-creep: $(VENV)/.ready
 	$(BIN)/python tests/benchmarks/creep.py --seeds 5 --out results/benchmarks/creep.csv
 
-bench-packing: $(VENV)/.ready  ## hours; goes on where it was stopped
+bench-packing: $(VENV)/.ready  ## hours; resumes where it stopped
 	$(BIN)/python tests/benchmarks/packing.py --out results/benchmarks/packing_physics.csv
 	$(BIN)/python tests/benchmarks/packing_speed.py --out results/benchmarks/packing_speed.csv
 
@@ -137,10 +137,10 @@ bench-permeability: $(VENV)/.ready
 paper-scale: $(VENV)/.ready  ## 1000^3 voxels from section to report, and smaller ones; some: make paper-scale EDGES="125 250"
 	$(BIN)/python tests/benchmarks/paper_scale.py $(if $(EDGES),--edges $(EDGES)) $(if $(filter-out all,$(CORES)),--cores $(CORES))
 
-hard-cases: $(VENV)/.ready  ## hard scenes in both engines against the verdicts written down before; hours; goes on where it was stopped
+hard-cases: $(VENV)/.ready  ## hard scenes in both engines against the verdicts written down before; hours; resumes where it stopped
 	$(BIN)/python tests/benchmarks/hard_cases.py
 
-faults: $(VENV)/.ready  ## an hour: 50 kills, 2,000 malformed inputs, full disks; goes on where it was stopped
+faults: $(VENV)/.ready  ## an hour: 50 kills, 2,000 malformed inputs, full disks; resumes where it stopped
 	$(BIN)/python tests/faults/fuzz.py --cases 2000 --command-line 50
 	$(BIN)/python tests/faults/kills.py --kills 50 --out results/benchmarks/faults.csv
 

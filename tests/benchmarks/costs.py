@@ -29,7 +29,7 @@ from grainfall import config, io
 
 HOUSE = Path(__file__).resolve().parents[2]
 EDGES = {"draft": [4, 8], "standard": [4, 6]}
-"""Of the committed table; the standard preset takes half an hour at 8."""
+"""Of the committed table; larger ones are left to the fit."""
 PACKINGS = ("first_packing", "second_packing")
 
 

@@ -404,7 +404,7 @@ def test_phase_names_are_data_in_the_3d_view(tmp_path):
     [
         {
             "reference*": "none: the section alone judges the twin",
-            "*/*/virtual_spheres.*": "No virtual spheres were called for",
+            "*/*/virtual_spheres.*": "The sizes of virtual spheres have not been computed yet.",
             "*/*/plan.json": "No plan has been written",
             "**/benchmarks/*.tsv": "No benchmark files were found",
         },
@@ -644,7 +644,7 @@ def test_what_the_section_leaves_open_is_said():
     ("windows", "said"),
     [
         (1, "(envelope test, p = 0.03)"),
-        (9, "p = 0.03; of all its windows 11% are told, where 5% would be if they were alike)"),
+        (9, "p = 0.03; of all its windows 11% are rejected, where 5% would be by chance)"),
     ],
 )
 def test_one_windows_p_is_said_beside_all_windows(windows, said):

@@ -133,7 +133,7 @@ rule summary:
             "results/summary.csv",
             category="Summary",
             caption="../report/summary.rst",
-            labels={"table": "one row a twin"},
+            labels={"table": "one row per twin"},
         ),
     log:
         "results/logs/summary.log",

@@ -76,7 +76,7 @@ def accuracy_figure(table: pd.DataFrame, sweep: Mapping) -> Figure:
     Returns
     -------
     Figure
-        A panel a metric for the packing and for the presets, a panel a knob for the analysis.
+        A panel per metric for the packing and for the presets, one per knob for the analysis.
     """
     table = table[table["cpu_s"].notna()]
     packing, presets = (table[table["scene"] == scene] for scene in (PACKING, TWIN))

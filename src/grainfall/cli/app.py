@@ -105,7 +105,7 @@ def run(
     ] = False,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Show all that Snakemake says.")] = False,
 ) -> None:
-    """Run a study, or go on where it was stopped."""
+    """Run a study, or resume where it stopped."""
     from grainfall.cli import study as studies
 
     if cores != "all" and not (cores.isdigit() and int(cores) > 0):

@@ -167,7 +167,7 @@ def _spheres(table: pd.DataFrame) -> list[Claim]:
         kept = row_of(table, case, "full", "pore_r95_ratio")
         circles = row_of(table, case, "full", "circle_r95_um")
         every, alike = (row_of(table, case, v, "w1_pores") for v in ("full", "truth"))
-        name = "Virtual spheres" if paper else "Virtual spheres, deficit above 0.10"
+        name = "Virtual spheres" if paper else "Virtual spheres (deficit above 0.10)"
         if miss is None and not paper:
             continue
         found += [
@@ -270,10 +270,10 @@ def _sections(table: pd.DataFrame, case: str) -> list[Claim]:
     return [
         Claim(
             case,
-            "By S₂ windows of a section are told from slices of its twins no more often than from slices of "
-            f"the truth itself (by {100 * level:g} % of them at most)",
+            "By S₂, windows of a section differ from slices of its twins no more often than from slices of "
+            f"the truth itself (at most {100 * level:g} % of windows more)",
             "shown as clouds",
-            f"told {_said(told, 2)}; from slices of the truth {number(told['truth'], 2)}; more often by "
+            f"rejected {_said(told, 2)}; from slices of the truth {number(told['truth'], 2)}; more often by "
             f"{_said(more, 2)}; p of the middle windows {_said(p, 2)}",
             status,
         )
@@ -343,8 +343,8 @@ def _tomogram(table: pd.DataFrame) -> list[Claim]:
         # of a single section both comparisons are with NaN
         status = SHOWN if more["lower"] > level else NOT_SHOWN if more["upper"] <= level else OPEN
     claim = (
-        "By S₂ windows of a section are told from slices of its tomogram more often than from the rock's own"
+        "By S₂, windows of a section differ from slices of its tomogram more often than from the rock's own"
     )
-    words = f"told {_said(told, 2)}; more often by {_said(more, 2)}"
+    words = f"rejected {_said(told, 2)}; more often by {_said(more, 2)}"
     found.append(Claim("xct", claim, "the section's S₂ leaves the tomogram's cloud", words, status))
     return found + _rims(table, "xct")

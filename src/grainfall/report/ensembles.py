@@ -109,14 +109,14 @@ def sweep_table(summary: pd.DataFrame, parameters: Mapping[str, Mapping]) -> pd.
     Parameters
     ----------
     summary : DataFrame
-        Columns :data:`SUMMARY_COLUMNS`: a row a twin.
+        Columns :data:`SUMMARY_COLUMNS`: one row per twin.
     parameters : mapping
         Variant to the values of its dotted config keys; None where the config does not give one.
 
     Returns
     -------
     DataFrame
-        A row a twin: sample, variant, realization, the dotted keys, then the other columns of the summary.
+        One row per twin: sample, variant, realization, the dotted keys, then the rest of the summary.
     """
     keys = list(dict.fromkeys(key for values in parameters.values() for key in values))
     given = pd.DataFrame.from_dict(dict(parameters), orient="index", columns=keys)

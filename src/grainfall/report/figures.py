@@ -754,7 +754,7 @@ def network_figure(
 
 @styled
 def comparison_figure(summary: pd.DataFrame, intervals: pd.DataFrame) -> Figure:
-    """Every ensemble's realizations, mean and, from three realizations on, 95 % interval; a panel a metric.
+    """Every ensemble's realizations, mean and, from three realizations on, 95 % interval; a panel per metric.
 
     Parameters
     ----------

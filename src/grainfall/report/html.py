@@ -460,7 +460,7 @@ def _facts(r: Results) -> list[tuple[str, str]]:
 
 
 def _all_metrics(judged: list[dict]) -> dict:
-    """Every metric of every twin: one row a metric, one column a twin."""
+    """Every metric of every twin: one row per metric, one column per twin."""
     labels: dict[str, tuple[str, str]] = {}
     for twin in judged:
         for j in twin["judgements"]:

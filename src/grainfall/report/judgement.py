@@ -184,13 +184,13 @@ def headline(tables: Sequence[pd.DataFrame]) -> list[str]:
     across, joined = of("voxels_per_grain"), of("network_coarsen") or 1
     if across is not None and across < FEW_VOXELS:
         said.append(
-            f"A mean grain is {number(across, 2)} voxels across: fewer than {FEW_VOXELS} close pores or join "
-            "them, and porosity and permeability are off by that (scene.voxel_size_um)."
+            f"A mean grain is {number(across, 2)} voxels across: with fewer than {FEW_VOXELS}, pores close "
+            "or merge, which biases porosity and permeability (scene.voxel_size_um)."
         )
     elif across is not None and across / joined < FEW_VOXELS:
         said.append(
-            f"Network and flow see {number(across / joined, 2)} voxels across a mean grain: fewer than "
-            f"{FEW_VOXELS} close pores or join them, and permeability is off by that (network.coarsen)."
+            f"Network and flow see {number(across / joined, 2)} voxels across a mean grain: with fewer than "
+            f"{FEW_VOXELS}, pores close or merge, which biases permeability (network.coarsen)."
         )
     inside, p = of("s2_inside_envelope"), of("s2_envelope_p")
     if inside is not None:
@@ -204,7 +204,7 @@ def headline(tables: Sequence[pd.DataFrame]) -> list[str]:
         if told is not None:
             test = (
                 f"envelope test of its middle window, p = {number(p, 2)}; of all its windows {told:.0%} "
-                f"are told, where {level:.0%} would be if they were alike"
+                f"are rejected, where {level:.0%} would be by chance"
             )
         said.append(f"By S₂ the section {can} be told from a slice of the twins ({test}).")
     return said

@@ -39,7 +39,7 @@ TEXTS = {
         "Grains and their masks",
         "Grains",
         "Some of the 3D grains, each beside the three grain sections it was made from, as measured. They "
-        "become its central sections, xy lying, xz and yz standing, once turned and stretched to meet. All "
+        "become its central sections (xy horizontal, xz, yz vertical), rotated and stretched to match. All "
         "are drawn to fill their boxes, whatever their size: r is the radius of the disc that has the area "
         "of the grain section that chose the size.",
         "A gallery of shaded 3D grains, each with three outlines of measured grain sections.",
@@ -67,14 +67,14 @@ TEXTS = {
     "virtual": Text(
         "Virtual spheres",
         "Packing",
-        "Left: pore-circle radii unfolded to 3D, of the section and of the first packing, by the volume that "
-        "equally many spheres of either have, over that of the section's. Right: their difference, and the "
+        "Left: pore-circle radii unfolded to 3D, of the section and of the first packing, weighted by "
+        "volume, for equal numbers of spheres, over the section's total. Right: their difference, and the "
         "part of it above zero in the unfolding's own, narrower bins: the sizes that virtual spheres got, "
         "but for those that hold nothing open or do not fit. Bodies in the shapes of voids are poured "
         "smaller, so that their voids have these sizes. The axis ends where 99.9 % of either volume are "
         "shown.",
         "Histograms of pore-circle radii: target and first packing, their difference, and the sizes used.",
-        "No virtual spheres were called for: the first packing is porous enough.",
+        "The sizes of virtual spheres have not been computed yet.",
     ),
     "s2": Text(
         "Two-point correlation",
@@ -82,7 +82,7 @@ TEXTS = {
         "Probability that two points a lag apart both lie in the solid. Left: slices of the twin and the "
         "section. Right: global envelope of slices from all realizations; the test asks whether the section "
         "could be one of them. Both are seen in windows of one size, the largest that section and twin hold; "
-        "the curve of a larger section is that of its middle window, whose porosity is its own.",
+        "of a larger section the middle window is used, whose porosity may differ from the section's.",
         "S2 curves of slices of the twin with the section's curve, and the global envelope around it.",
         "S₂ has not been computed yet.",
     ),
@@ -107,8 +107,8 @@ TEXTS = {
         "Comparison",
         "Ticks: single realizations. Dots: means, from three realizations on with 95 % intervals. Dashed: "
         "target or reference.",
-        "Realizations, means and intervals of every variant and engine, one panel a metric; the tables below "
-        "have the numbers.",
+        "Realizations, means and intervals of every variant and engine, one panel per metric; the tables "
+        "below have the numbers.",
         "One twin only: there is nothing to compare and no interval to give.",
     ),
 }

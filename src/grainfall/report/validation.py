@@ -543,7 +543,7 @@ def _of_truth(truth: Mapping, held: float) -> dict[str, tuple]:
 def _of_envelope(path: Path, of_truth: Path | None = None) -> dict[str, tuple]:
     """The envelope test of a section among slices of all twins of a variant, its tomogram or its truth.
 
-    One window's p is largely that window's luck, and windows of a rock scatter more than slices of a few
+    One window's p is in part that window's luck, and windows of a rock scatter more than slices of a few
     volumes of one porosity: how many are told from slices of the truth itself, seen in windows of the same
     size, is what there is to be reached.
     """
