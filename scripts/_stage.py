@@ -78,8 +78,7 @@ def stage(snakemake):
         os.dup2(sink.fileno(), 2)
         progress = Progress(f"{snakemake.rule} {where}".strip(), terminal)
         try:
-            for path in snakemake.input:
-                provenance.check_file(path)
+            provenance.check_files(snakemake.input)
             yield progress
             written = [path for path in snakemake.output if Path(path) != record]
             provenance.write_record(

@@ -7,5 +7,6 @@ from _stage import stage
 from grainfall.export import Twin, export_twin
 
 with stage(snakemake):
-    twin = Twin(Path(snakemake.input.twin).parent, Path(snakemake.input.library))
+    coarsen = snakemake.params.settings["network"]["coarsen"]
+    twin = Twin(Path(snakemake.input.twin).parent, Path(snakemake.input.library), coarsen)
     export_twin(twin, Path(snakemake.output[0]).parent)

@@ -45,6 +45,7 @@ with (
             network.load(str(files.reference_pores), str(files.reference_throats))
         )
     twin_network = network.element_sizes(network.load(files.network_pores, files.network_throats))
+    bodies = table("bodies")
     costs = report.read_costs(files.benchmarks)
     s2_volume = table("s2_volume")
     reference_s2 = table("reference_s2")
@@ -53,14 +54,12 @@ with (
         io.read_json(files.deficit),
         io.read_json(files.second),
         io.read_json(files.correction),
-        table("bodies"),
+        bodies,
         phase,
     )
     values = {
         **packing,
-        **report.phase_values(
-            phase, section, body=body, shown=partial(volume.as_minerals, bodies=table("bodies"))
-        ),
+        **report.phase_values(phase, section, body=body, shown=partial(volume.as_minerals, bodies=bodies)),
         **report.surface_values(
             solid_surface(core(resample(phase, scene["voxel_size_um"], resolution)), resolution),
             SolidSurface(**io.read_json(files.section_surface)),
@@ -72,7 +71,7 @@ with (
             table("grains"),
             table("pores"),
             random.generator(**snakemake.params.stream, chapter="report"),
-            twin_bodies=report.bodies_within(table("bodies"), scene),
+            twin_bodies=report.bodies_within(bodies, scene),
         ),
         **report.envelope_values(io.read_json(files.envelope_test)),
         "specific_surface_per_um": surface(s2_volume),

@@ -8,5 +8,6 @@ with stage(snakemake):
     report.build_report(
         "results",
         out=snakemake.output[0],
+        drawn=True,
         **{name: snakemake.params[name] for name in ("samples", "title", "variants", "realizations")},
     )

@@ -8,6 +8,7 @@ from grainfall.report.validation import validation_table
 with stage(snakemake) as progress:
     table, left_out = validation_table("results", snakemake.params.cases)
     io.write_table(snakemake.output.table, table)
+    io.write_json(snakemake.output.left_out, left_out)
     for sample in left_out:
         progress.say(f"left out: {sample}")
     progress.say(f"{len(table)} rows of {table['case'].nunique()} cases")

@@ -131,7 +131,7 @@ def _carried(pairs: pd.DataFrame, rest: pd.DataFrame, grains: pd.DataFrame) -> n
 
 
 def _inside(table: pd.DataFrame, size_um: np.ndarray) -> np.ndarray:
-    """Rows whose x, y, z lie in the box (0, size_um)."""
+    """Rows whose x, y, z lie in the box [0, size_um)."""
     points = table[["x", "y", "z"]].to_numpy()
     return ((points >= 0) & (points < size_um)).all(axis=1)
 

@@ -24,10 +24,13 @@ class Twin:
         Holds twin.zarr.zip, bodies.csv, network_pores.csv and network_throats.csv.
     library : Path
         Folder of the sample's grain library.
+    coarsen : int
+        The config's ``network.coarsen``, by which the pore network was measured.
     """
 
     folder: Path
     library: Path
+    coarsen: int = 1
 
     @cached_property
     def phase(self):
@@ -87,9 +90,12 @@ def _openpnm(twin: Twin, path: Path) -> None:
 
 def _statoil(twin: Twin, path: Path) -> None:
     from grainfall.network import save_statoil
+    from grainfall.volume import coarse_shape
 
     phase, size = twin.phase
-    save_statoil(twin.network, path.with_name("network"), tuple(n * size for n in phase.shape[::-1]))
+    voxels = coarse_shape(phase.shape, twin.coarsen)  # what no whole block holds is not in the network
+    box = tuple(n * twin.coarsen * size for n in voxels[::-1])
+    save_statoil(twin.network, path.with_name("network"), box)
 
 
 @dataclass(frozen=True)

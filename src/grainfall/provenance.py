@@ -2,7 +2,7 @@
 
 Every job leaves a record beside its log (:func:`write_record`): SHA-256 of what it read and wrote, its
 parameters, the versions it ran with. A job that reads what an earlier one wrote compares it with that
-record first (:func:`check_file`). ``provenance.json`` of a twin and of a run collect the records;
+record first (:func:`check_files`). ``provenance.json`` of a twin and of a run collect the records;
 :func:`verify` goes through them and says what has changed since.
 """
 
@@ -147,26 +147,33 @@ def behind(targets: Iterable[str | Path], folders: Iterable[str | Path]) -> dict
     return dict(sorted(led.items()))
 
 
-def check_file(path: str | Path) -> None:
-    """Compare a file with the record of the job that wrote it, if there is one.
+def check_files(paths: Iterable[str | Path]) -> None:
+    """Compare files with the records of the jobs that wrote them, where there are any.
 
     Raises
     ------
     InputError
-        When it is another one than the job wrote.
+        When one is another than the job wrote.
     """
-    target = Path(os.path.abspath(path))
-    for folder in target.parents[:LEVELS]:
-        for file, record in records(folder).items():
-            for name, expected in record["outputs"].items():
-                if Path(os.path.abspath(file.parent / name)) == target:
-                    if checksum(target) != expected:
-                        raise InputError(
-                            path,
-                            f"is not what {record['rule']} wrote: damaged or altered since (SHA-256)",
-                            "delete it, and its copy in the cache if there is one, so that it is made again",
-                        )
-                    return
+    written: dict[Path, dict[str, tuple[str, str]]] = {}  # of each folder, read once
+    for path in paths:
+        target = os.path.abspath(path)
+        for folder in Path(target).parents[:LEVELS]:
+            if folder not in written:
+                written[folder] = {
+                    os.path.abspath(file.parent / name): (record["rule"], expected)
+                    for file, record in records(folder).items()
+                    for name, expected in record["outputs"].items()
+                }
+            if target in written[folder]:
+                rule, expected = written[folder][target]
+                if checksum(target) != expected:
+                    raise InputError(
+                        path,
+                        f"is not what {rule} wrote: damaged or altered since (SHA-256)",
+                        "delete it, and its copy in the cache if there is one, so that it is made again",
+                    )
+                break
 
 
 # --- provenance of a twin and of a run --------------------------------------------------------------

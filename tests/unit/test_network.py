@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grainfall import network
+from grainfall import export, io, network, volume
 from grainfall.errors import InputError
 
 pytest.importorskip("porespy")
@@ -473,6 +473,20 @@ def test_statoil_files(porous, tmp_path):
     assert lengths.sum(axis=1) == pytest.approx(rows[:, 5], rel=1e-4)
     volumes = np.loadtxt(tmp_path / "rock_node2.dat")[:, 1]
     assert volumes.sum() == pytest.approx(np.count_nonzero(porous) * 8e-18, rel=1e-4)
+
+
+def test_statoil_box_is_what_the_network_was_measured_on(porous, tmp_path):
+    """Of 25 voxels joined in fours the network has 24."""
+    phase = (~porous[:25, :25, :25]).astype(np.uint8)
+    io.write_volume(tmp_path / "twin.zarr.zip", {"phase": phase}, 2.0, {"phases": ["pore", "solid"]})
+    pore, size = volume.coarsen(phase == 0, 2.0, 4)
+    network.save(
+        network.extract(pore, size), tmp_path / "network_pores.csv", tmp_path / "network_throats.csv"
+    )
+    twin = export.Twin(tmp_path, tmp_path, coarsen=4)
+    export.export_twin(twin, tmp_path, ["statoil"])
+    box = (tmp_path / "network_node1.dat").read_text().split()[1:4]
+    assert [float(side) for side in box] == pytest.approx([24 * 2e-6] * 3)
 
 
 def test_vtp(extracted, tmp_path):

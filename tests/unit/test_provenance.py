@@ -122,19 +122,27 @@ def test_result_of_another_file_than_the_rest(study, root):
 
 
 def test_a_damaged_file_is_not_used(study):
-    provenance.check_file("results/rock/section.csv")
-    provenance.check_file("rock.png")  # nobody recorded it
+    provenance.check_files(["results/rock/section.csv"])
+    provenance.check_files(["rock.png"])  # nobody recorded it
     (study / "results/rock/section.csv").write_text("damaged")
     with pytest.raises(InputError, match="is not what read wrote"):
-        provenance.check_file("results/rock/section.csv")
+        provenance.check_files(["results/rock/section.csv"])
+
+
+def test_records_are_read_once_however_many_files(study, monkeypatch):
+    read = []
+    once = provenance.records
+    monkeypatch.setattr(provenance, "records", lambda folder: read.append(folder) or once(folder))
+    provenance.check_files(["results/rock/section.csv"] * 20 + ["rock.png"] * 20)
+    assert len(read) == len(set(read)) <= 2 * provenance.LEVELS
 
 
 def test_records_move_with_their_folder(study):
     (study / "results").rename(study / "moved")
-    provenance.check_file("moved/rock/section.csv")
+    provenance.check_files(["moved/rock/section.csv"])
     (study / "moved/rock/section.csv").write_text("damaged")
     with pytest.raises(InputError):
-        provenance.check_file("moved/rock/section.csv")
+        provenance.check_files(["moved/rock/section.csv"])
 
 
 def test_sum_of_a_folder_is_of_names_and_contents(tmp_path):

@@ -40,7 +40,7 @@ from grainfall.report import (
     verdict,
     view3d,
 )
-from grainfall.report.html import Results, _permeability, drawn_grains
+from grainfall.report.html import Results, _permeability, data_uri, drawn_grains, shown_uri
 from grainfall.report.judgement import headline
 from grainfall.report.numbers import number
 from grainfall.surface import SolidSurface, sampling_errors
@@ -293,6 +293,29 @@ def page(tree):
     out = tree / "report.html"
     build_report(tree, ["demo"], out, "Twins of a demo")
     return out.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("name", ["sizes", "virtual"])
+def test_a_figure_that_lies_there_is_taken_as_it_is(tree, tmp_path, name):
+    root = shutil.copytree(tree, tmp_path / "results")
+    file = figure_files(root, "demo", "full", 0)[name]
+    saved = root / "demo/full/0/figures" / f"{name}.svg"
+    saved.parent.mkdir(exist_ok=True)
+    file.save(saved)
+    pages = []
+    for drawn in (False, True):
+        build_report(root, ["demo"], root / "report.html", variants=["full"], drawn=drawn)
+        pages.append(html.unescape((root / "report.html").read_text(encoding="utf-8")))
+    image = data_uri(saved)
+    assert image in pages[0]
+    assert image in pages[1]
+    assert len(pages[1]) < len(pages[0])  # others are not there
+
+
+def test_a_sentence_in_place_of_a_figure_is_no_image(tmp_path):
+    assert shown_uri(tmp_path / "none.svg") is None
+    save_figure(figures.note_figure("nothing"), tmp_path / "note.svg")
+    assert shown_uri(tmp_path / "note.svg") is None
 
 
 # ---- the page

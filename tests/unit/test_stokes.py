@@ -5,7 +5,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from grainfall.errors import InputError
-from grainfall.flow import direct, elliptic, permeability
+from grainfall.flow import direct, elliptic, multigrid, permeability
 from grainfall.flow.staggered import assemble
 
 SQUARE_DUCT = 0.0351443
@@ -104,6 +104,14 @@ def test_the_solver_solves_its_equations():
     assert found.k == pytest.approx(exact, rel=1e-6)
     assert found.k_lower <= exact * (1 + 1e-9)
     assert found.k_upper >= exact * (1 - 1e-9)
+
+
+def test_what_does_not_converge_is_an_error(monkeypatch):
+    """A bound that is none must not pass for one."""
+    rock = np.random.default_rng(0).random((12, 12, 12)) < 0.7
+    monkeypatch.setattr(multigrid, "MOST_STEPS", 2)
+    with pytest.raises(RuntimeError, match="after 2 steps"):
+        elliptic.solve(rock)
 
 
 class TestRock:

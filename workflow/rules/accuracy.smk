@@ -69,7 +69,7 @@ rule observe_first:
         mem_mb=4000,
         runtime=30,
     params:
-        settings=settings("packing", "effects", "contacts.tolerance"),
+        settings=settings("packing", "effects.decomposition", "contacts.tolerance"),
         science=science("accuracy.observe", "contacts", "packing", "volume"),
     script:
         "../../scripts/observe.py"

@@ -530,7 +530,7 @@ def solved_on_voxels(path):
 
 
 def timed_jobs_of_twin(wildcards):
-    """Benchmark files of all jobs of a twin, those of its slabs among them."""
+    """Benchmark files of the jobs that make and measure a twin, those of its parts among them."""
     slabs = NETWORK_JOBS if wildcards.variant in BY_SLABS else []
     on_voxels = solved_on_voxels(f"{TWIN}/benchmarks/flow_{{method}}.tsv")(wildcards)
     return [*expand(timed(*TWIN_JOBS, *slabs), **wildcards), *on_voxels]
@@ -692,13 +692,14 @@ def cubes_of(wildcards):
 
 
 def observed_so_far(wildcards):
-    """What the sweep has measured, with its age; as above, no input."""
+    """What the sweep has measured; as above, no input."""
     found = [
         *Path("results").glob("*/*/*/first/observed.json"),
         *Path("results").glob("*/*/*/observed.json"),
+        *Path("results").glob("*/observed.json"),  # of truths
         *Path("results/accuracy").glob("*/*.csv"),
     ]
-    return {str(path): path.stat().st_mtime_ns for path in sorted(found)}
+    return ages(found)
 
 
 def known_settings(wildcards):

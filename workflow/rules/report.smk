@@ -8,6 +8,7 @@ TWIN_JOBS = [
     "twin",
     "measure_slices",
     "s2_slices",
+    *gather.slices("s2_slices_{scatteritem}"),
     "s2_volume",
     "network",
     "flow",

@@ -86,6 +86,7 @@ use rule s2_envelope as reference_envelope with:
 rule validation_table:
     output:
         table="results/validation.csv",
+        left_out="results/validation/left_out.json",
     log:
         "results/validation/logs/table.log",
     benchmark:
@@ -131,6 +132,7 @@ rule paper_figures:
 rule validation_page:
     input:
         table="results/validation.csv",
+        left_out="results/validation/left_out.json",
         figures=expand("results/validation/{name}.svg", name=PAPER_FIGURES),
     output:
         page=report(
@@ -149,7 +151,6 @@ rule validation_page:
         mem_mb=4000,
         runtime=15,
     params:
-        cases=known_cases(),
         benchmarks=benchmarks_so_far,
         science=science("report"),
     script:

@@ -162,6 +162,7 @@ rule export:
         mem_mb=4000,
         runtime=30,
     params:
+        settings=settings("network.coarsen"),
         science=science("export"),
     script:
         "../../scripts/export.py"

@@ -17,7 +17,7 @@ import numpy as np
 from scipy import stats
 
 from grainfall import correlation, flow, network, random, stereology
-from grainfall.accuracy.observe import axial_s2, differences, observe, relative_distance
+from grainfall.accuracy.observe import axial_s2, differences, observe, pooled, relative_distance
 from grainfall.errors import InputError
 from grainfall.section import Mineral, synthesise
 from grainfall.volume import coarsen as joined
@@ -268,13 +268,8 @@ def realizations(settings: Sequence[str], rng: np.random.Generator, run: Run) ->
     seen = [run(lambda c=corner: observe(_cut(whole, 5 * voxels, c), 1.0)) for corner in corners]
     for setting in settings:
         found, costs = zip(*seen[: int(setting)], strict=True)
-        mean = {key: np.mean([f[key] for f in found], axis=0) for key in ("porosity", "k_md", "lag_um", "s2")}
-        mean["pores"] = {
-            key: np.concatenate([f["pores"][key] for f in found])
-            for key in ("pore_radius_um", "pore_volume_um3")
-        }
         cost = Cost(*np.sum(costs, axis=0)[:2], max(c.peak_rss_mb for c in costs))
-        yield Trial(setting, "12 grains across", differences(mean, held), cost)
+        yield Trial(setting, "12 grains across", differences(pooled(found), held), cost)
 
 
 def slices(settings: Sequence[str], rng: np.random.Generator, run: Run) -> Iterator[Trial]:

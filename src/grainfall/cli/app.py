@@ -215,6 +215,7 @@ def export(
     force: Annotated[bool, typer.Option("--force", help="Replace files that are there.")] = False,
 ) -> None:
     """Write a twin, its grains and its pore network for other programs; no --format: list the formats."""
+    from grainfall import config
     from grainfall.cli import study as studies
     from grainfall.export import FORMATS, Twin, export_twin
 
@@ -233,13 +234,14 @@ def export(
     if chosen not in twins:
         raise InputError("--twin", f"'{chosen}' is not in the study", f"one of: {', '.join(twins[:5])}")
     source = opened.results / chosen
+    coarsen = config.variant(opened.config, source.parent.name)["network"]["coarsen"]
     folder = to or source / "export"
     there = [folder / file for name in format for file in FORMATS[name].files if (folder / file).exists()]
     if there and not force:
         raise InputError(there[0], "is there already", "--to another folder, or --force to replace it")
     beside = next(path for path in (folder, *folder.absolute().parents) if path.is_dir())
     with tempfile.TemporaryDirectory(prefix=".export-", dir=beside) as part:
-        files = export_twin(Twin(source, source.parents[1] / "grains3d"), part, format)
+        files = export_twin(Twin(source, source.parents[1] / "grains3d", coarsen), part, format)
         folder.mkdir(parents=True, exist_ok=True)  # not before there is something to lie in it
         for file in files:
             file.replace(folder / file.name)

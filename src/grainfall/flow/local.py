@@ -163,10 +163,12 @@ def throat_ports(labels: np.ndarray, found: Interfaces) -> tuple[Throats, Ports]
 
 def face_ports(labels: np.ndarray, axis: int, throat: int) -> Ports:
     """Where pores open onto the two faces of the image across ``axis``, throats ``throat`` and the next."""
-    index = np.arange(labels.size).reshape(labels.shape)
     ends = []
     for side in (0, 1):
-        voxel = index.take(-side, axis)[labels.take(-side, axis) > 0]
+        place = np.insert(
+            np.argwhere(labels.take(-side, axis) > 0), axis, side * (labels.shape[axis] - 1), axis=1
+        )
+        voxel = np.ravel_multi_index(tuple(place.T), labels.shape)
         n = len(voxel)
         way, number = np.full(n, 2 * axis + side, np.int8), np.full(n, throat + side, np.int32)
         ends.append((labels.reshape(-1)[voxel] - 1, voxel, way, number, np.zeros((n, 3), np.float32)))

@@ -94,6 +94,11 @@ def solve_symmetric(
     """Preconditioned conjugate gradients until the residual's norm has fallen to ``tolerance`` of the rhs's.
 
     Norms are those of the preconditioner, so that small and large unknowns weigh alike.
+
+    Raises
+    ------
+    RuntimeError
+        When it has not fallen so far in :data:`MOST_STEPS`.
     """
     x = np.zeros_like(rhs) if start is None else start.copy()
     residual = rhs - matrix @ x if start is not None else rhs.copy()
@@ -102,8 +107,8 @@ def solve_symmetric(
     target = tolerance**2 * (rho if start is None else dot(rhs, preconditioner(rhs)))
     direction = z
     for _ in range(MOST_STEPS):
-        if rho <= target or rho == 0:
-            break
+        if rho <= target:
+            return x
         image = matrix @ direction
         step = rho / dot(direction, image)
         x += step * direction
@@ -111,7 +116,7 @@ def solve_symmetric(
         z = preconditioner(residual)
         rho, before = dot(residual, z), rho
         direction = z + (rho / before) * direction
-    return x
+    raise RuntimeError(f"residual at {np.sqrt(rho / target) * tolerance:.1e} after {MOST_STEPS} steps")
 
 
 def dot(a: np.ndarray, b: np.ndarray) -> float:

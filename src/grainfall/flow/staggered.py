@@ -128,31 +128,6 @@ def assemble(
     return Staggered(matrix, gradient, area, area * length, drive, face, cell, pore.shape, periodic)
 
 
-def friction(pore: np.ndarray, component: int) -> tuple[np.ndarray, np.ndarray, csr_array]:
-    """Friction of one component of the velocity, the six sides open to flow across them and walls along them.
-
-    Parameters
-    ----------
-    pore : (nz, ny, nx) array of bool
-    component : int
-
-    Returns
-    -------
-    face : (n, 4) int
-    volume : (n,) float
-    matrix : (n, n) csr_array
-        See :class:`Staggered`.
-    """
-    before, behind = _sides_of_faces(pore, component, periodic=False, closed=False)
-    opened = [np.zeros((0, 0, 0), bool)] * 3
-    opened[component] = before & behind
-    face = np.insert(np.argwhere(opened[component]), 0, component, axis=1).astype(np.int32)
-    along = face[:, 1 + component]
-    length = np.where((along == 0) | (along == pore.shape[component]), 0.5, 1.0)
-    matrix, _ = _friction(face, opened, [], length, (False, False, False), (2.0, 2.0, 2.0))
-    return face, length, matrix
-
-
 def _sides_of_faces(
     pore: np.ndarray, axis: int, periodic: bool, closed: bool
 ) -> tuple[np.ndarray, np.ndarray]:

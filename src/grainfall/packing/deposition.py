@@ -532,7 +532,7 @@ class _Deposition:
         report.n_spheres, report.n_hulls, report.n_decomposed = (
             kinds[kind] for kind in ("sphere", "hull", "parts")
         )
-        used = [bed.shapes[s] for s in bed.shape if s != SPHERE]
+        used = [bed.shapes[s] for s in bed.shape[bed.kind == "grain"] if s != SPHERE]
         if used:
             report.hull_excess = float(np.mean([s.hull_excess for s in used]))
             report.collision_excess = float(np.mean([s.excess for s in used]))

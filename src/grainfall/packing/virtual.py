@@ -72,10 +72,7 @@ class VirtualSizes:
     def quantile(self, q: np.ndarray, which: str = "f3d") -> np.ndarray:
         """Radii (um) at the number quantiles ``q``: density constant within a bin."""
         mass = np.concatenate([[0.0], np.cumsum(self.used * np.diff(self.edges_um))])
-        rises = np.concatenate(
-            [[True], np.diff(mass) > 0]
-        )  # interp needs increasing abscissae: jump over gaps
-        left = np.flatnonzero(rises[1:])
+        left = np.flatnonzero(np.diff(mass) > 0)  # bins that hold any
         q = np.clip(np.asarray(q, float), 0, 1)
         bin_ = left[np.clip(np.searchsorted(mass[left + 1], q * mass[-1], side="left"), 0, len(left) - 1)]
         inside = (q * mass[-1] - mass[bin_]) / (mass[bin_ + 1] - mass[bin_])

@@ -26,6 +26,7 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from grainfall.io import atomic_path
 from grainfall.report.metrics import METRICS
 from grainfall.report.numbers import number
+from grainfall.stereology.distribution import rebinned as averaged
 
 PORE = "#FFFFFF"
 MINERALS = ("#0072B2", "#E69F00", "#7A7A7A", "#B9B9B9", "#4D4D4D")
@@ -336,8 +337,7 @@ def reach(edges: np.ndarray, *densities: np.ndarray) -> float:
 def rebinned(edges: np.ndarray, density: np.ndarray, last: float) -> tuple[np.ndarray, np.ndarray]:
     """A histogram on 24 bins up to ``last``, each of the area that it has there."""
     wide = np.linspace(0, last, 25)
-    below = np.interp(wide, edges, np.append(0, np.cumsum(density * np.diff(edges))))
-    return wide, np.diff(below) / np.diff(wide)
+    return wide, averaged(edges, density, wide)
 
 
 def _density(axes, radii, weights, edges, colour, style, label) -> float:

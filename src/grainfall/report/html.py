@@ -140,8 +140,6 @@ class FigureFile:
     """What to say where there is nothing to draw."""
     needs: tuple[Path, ...]
     """Files without which there is nothing to draw."""
-    uses: tuple[Path, ...]
-    """Further files that it draws where they exist."""
     make: Callable[[], Figure | None]
 
     @property
@@ -245,44 +243,25 @@ def _ensembles(r: Results) -> Figure | None:
 
 
 SOURCES = {
-    "section": (
-        _section,
-        ["sample:section.zarr.zip"],
-        ["sample:labels.zarr.zip", "sample:grains2d.csv", "sample:pores2d.csv", "sample:section.json"],
-    ),
-    "sizes": (
-        _sizes,
-        ["sample:sizes.csv"],
-        ["sample:truth_sizes.csv", "sample:section.json", "twin:grains2d.csv", "twin:pores2d.csv",
-         "twin:bodies.csv", "twin:cement.json", "twin:twin.zarr.zip"],
-    ),
-    "gallery": (
-        _grain_gallery,
-        ["sample:grains3d/library.csv", "sample:labels.zarr.zip"],
-        ["sample:grains3d/shapes.npz"],
-    ),
-    "packings": (
-        _packings,
-        ["twin:twin.zarr.zip"],
-        ["twin:first/volume.zarr.zip", "twin:second/volume.zarr.zip", "twin:metrics.csv"],
-    ),
-    "forces": (_forces, ["twin:contacts.csv"], ["twin:bodies.csv", "variant:scene.json"]),
-    "virtual": (_virtual, ["twin:virtual_spheres.csv"], ["twin:second/packing.json"]),
-    "s2": (
-        _s2,
-        ["twin:s2_slices.csv"],
-        ["variant:s2_envelope.csv", "variant:s2_envelope.json", "sample:reference_s2.csv"],
-    ),
+    "section": (_section, ["sample:section.zarr.zip"]),
+    "sizes": (_sizes, ["sample:sizes.csv"]),
+    "gallery": (_grain_gallery, ["sample:grains3d/library.csv", "sample:labels.zarr.zip"]),
+    "packings": (_packings, ["twin:twin.zarr.zip"]),
+    "forces": (_forces, ["twin:contacts.csv"]),
+    "virtual": (_virtual, ["twin:virtual_spheres.csv"]),
+    "s2": (_s2, ["twin:s2_slices.csv"]),
     "network": (
         _pore_network,
         ["twin:network_pores.csv", "twin:network_throats.csv", "variant:scene.json"],
-        ["sample:reference_network_pores.csv", "sample:reference_network_throats.csv",
-         "twin:metrics.csv"],
     ),
-    "block": (_block, ["twin:twin.zarr.zip"], ["sample:section.json"]),
-    "ensembles": (_ensembles, ["root:summary.csv"], []),
-}  # fmt: skip
-"""Figure name to what draws it, the files without which there is nothing to draw, and others in it."""
+    "block": (_block, ["twin:twin.zarr.zip"]),
+    "ensembles": (_ensembles, ["root:summary.csv"]),
+}
+"""Figure name to what draws it and the files without which there is nothing to draw."""
+
+
+FOLDERS = {"ensembles": "sample:"}
+"""Whose folder ``figures`` a figure lies in, where it is not the twin's."""
 
 
 def figure_files(
@@ -300,14 +279,12 @@ def figure_files(
     -------
     dict
         Figure name to :class:`FigureFile`, in the order of the report. ``figure_files(...)[name].save(path)``
-        writes one as a file; ``needs`` and ``uses`` are its inputs.
+        writes one as a file.
     """
     r = Results(results_dir, sample, variant, realization)
     return {
-        name: FigureFile(
-            name, *TEXTS[name], tuple(map(r.path, needs)), tuple(map(r.path, uses)), partial(make, r)
-        )
-        for name, (make, needs, uses) in SOURCES.items()
+        name: FigureFile(name, *TEXTS[name], tuple(map(r.path, needs)), partial(make, r))
+        for name, (make, needs) in SOURCES.items()
     }
 
 
@@ -318,6 +295,7 @@ def build_report(
     title: str = "Digital twins of a granular rock",
     variants: Sequence[str] | None = None,
     realizations: Sequence[int] | None = None,
+    drawn: bool = False,
 ) -> None:
     """Write the whole report as one HTML file that needs nothing else.
 
@@ -332,11 +310,13 @@ def build_report(
     variants, realizations : sequences, optional
         Which twins; every folder that holds a ``metrics.csv`` if omitted. Pictures show the first
         realization of the first variant, tables show all.
+    drawn : bool
+        Take the figures that lie in folders ``figures`` instead of drawing them.
     """
     import plotly.offline
 
     root = Path(results_dir)
-    parts = [_sample_part(root, name, n, variants, realizations) for n, name in enumerate(samples)]
+    parts = [_sample_part(root, name, n, variants, realizations, drawn) for n, name in enumerate(samples)]
     loader = jinja2.Environment(
         loader=jinja2.PackageLoader("grainfall.report"), autoescape=True, trim_blocks=True,
         lstrip_blocks=True,
@@ -355,7 +335,7 @@ def build_report(
 # ---- parts of the page
 
 
-def _sample_part(root: Path, name: str, index: int, variants, realizations) -> dict:
+def _sample_part(root: Path, name: str, index: int, variants, realizations, drawn: bool) -> dict:
     """Everything the template shows of one sample."""
     twins = _twins(root / name, variants, realizations)
     first = twins[0] if twins else (None, None)
@@ -364,7 +344,9 @@ def _sample_part(root: Path, name: str, index: int, variants, realizations) -> d
     shown = {
         key: {
             "title": f.title, "caption": f.caption, "alt": f.alt, "absent": f.absent,
-            "image": _drawn_uri(f.draw()),
+            "image": shown_uri(r.path(f"{FOLDERS.get(key, 'twin:')}figures/{key}.svg"))
+            if drawn
+            else _drawn_uri(f.draw()),
         }
         for key, f in files.items()
     }  # fmt: skip
@@ -686,6 +668,13 @@ def drawn_grains(r: Results) -> pd.DataFrame | None:
 def data_uri(path: Path) -> str:
     """An SVG file as an address that a page can carry in itself."""
     return "data:image/svg+xml;base64," + base64.b64encode(path.read_bytes()).decode()
+
+
+def shown_uri(path: Path) -> str | None:
+    """The same of a figure; ``None`` where it is missing or a sentence in place of one."""
+    if not path.exists() or f'id="{figures.NOTE}"' in path.read_text(encoding="utf-8"):
+        return None
+    return data_uri(path)
 
 
 def _drawn_uri(figure: Figure | None) -> str | None:

@@ -124,8 +124,9 @@ def _image(axes, picture: np.ndarray, pixel: float, *, up: bool = False) -> None
 
 def _plane(axes, r: Results, name: str) -> None:
     """The vertical slice through the middle of a volume of a twin."""
-    volume = r.volume(f"twin:{name}.zarr.zip", "phase")
-    phase, voxel = volume[:, volume.shape[1] // 2], _voxel(r)
+    with r.opened(f"twin:{name}.zarr.zip") as (volume,):
+        phase = np.asarray(volume[:, volume.shape[1] // 2])
+    voxel = _voxel(r)
     _image(axes, phase_colours(phase, r.twin_phases), voxel, up=True)
     if (phase == figures.VIRTUAL_LABEL).any():
         axes.contour(
@@ -496,7 +497,7 @@ def sample2(cases: Cases) -> Figure | None:
     r = cases.twin("virtual_spheres", packings=True)
     if r is None:
         return None
-    edge = _voxel(r) * r.volume("twin:twin.zarr.zip", "phase").shape[0]
+    edge = _voxel(r) * r.attributes("twin:twin.zarr.zip")[1]["phase"][0]
     figure = Figure(figsize=(WIDTH, 5.3))
     grid = figure.subplots(2, 3).ravel()
     reference = r.volume("sample:reference.zarr.zip", "phase")

@@ -12,8 +12,7 @@ from jinja2 import Environment, PackageLoader
 
 from grainfall import __version__, io
 from grainfall.report.claims import claims
-from grainfall.report.figures import NOTE
-from grainfall.report.html import data_uri
+from grainfall.report.html import data_uri, shown_uri
 from grainfall.report.numbers import number
 from grainfall.report.paper_figures import FIGURES
 from grainfall.report.validation import describe
@@ -131,8 +130,7 @@ def _cell(row: Mapping, columns: str | list[str]) -> str:
 
 def _figure(name: str, path: Path | None, command: str) -> dict:
     entry = FIGURES[name]
-    there = path is not None and path.exists() and f'id="{NOTE}"' not in path.read_text(encoding="utf-8")
-    image = data_uri(path) if there else None
+    image = None if path is None else shown_uri(path)
     return {"name": name, "caption": entry.caption, "paper": entry.paper, "image": image, "command": command}
 
 

@@ -50,9 +50,8 @@ def simulate_tomogram(
 
     A plug is the cylinder along z that circumscribes the volume. In order: crushed grains line the pores of
     the plug's rim; cubes of ``binning`` voxels share a detector voxel (partial volume); the point spread
-    blurs;
-    photon noise, correlated over the reconstruction's kernel, is added; beam hardening leaves the inside of
-    the plug darker than its rim; Otsu's threshold makes it pore and solid.
+    blurs; photon noise, correlated over the reconstruction's kernel, is added; beam hardening leaves the
+    inside of the plug darker than its rim; Otsu's threshold makes it pore and solid.
 
     Parameters
     ----------
