@@ -30,6 +30,9 @@ METRIC_LOOKS: dict[str, tuple[str, str]] = {
 }
 """Colour and marker of the metrics where they share a panel."""
 
+PANEL_POINTS = 130.0, 60.0
+"""Width and height of one of three panels in a row, about."""
+
 PRESET_MARKERS = ("o", "s", "^", "D", "v", "P")
 
 TITLES = {
@@ -96,9 +99,9 @@ def accuracy_figure(table: pd.DataFrame, sweep: Mapping) -> Figure:
         part.suptitle(block.title, fontsize=9.5, fontweight="bold", x=0.01, ha="left")
         axes = part.subplots(block.n_rows, block.across, squeeze=False)
         for axis, name in zip(axes.flat, block.panels, strict=False):
-            block.draw(axis, block.rows, name)
             axis.set_xscale("log")
             axis.margins(x=0.15)
+            block.draw(axis, block.rows, name)
             _plain_ticks(axis.xaxis)
             axis.tick_params(labelsize=6.5)
         for axis in list(axes.flat)[len(block.panels) :]:
@@ -129,7 +132,7 @@ def _front_marks(colour: str) -> list[Line2D]:
 
 
 def _packing_marks(rows: pd.DataFrame) -> list[Line2D]:
-    marks = [_mark("beyond chance, named", "o", TWIN_COLOUR), _mark("within chance", "o", GREY)]
+    marks = [_mark("beyond chance (95 %), named", "o", TWIN_COLOUR), _mark("within chance", "o", GREY)]
     marks += _front_marks(SECTION)
     if (rows["knob"] == CHANCE).any():
         marks.append(_mark("chance: the same again", line="--"))
@@ -178,11 +181,24 @@ def _points(axis, rows: pd.DataFrame, look, floor: float | None = None, line: st
     axis.plot(chosen["cpu_s"], chosen["error"], drawstyle="steps-post", color=line, lw=0.9, zorder=1)
 
 
-def _name(axis, row) -> None:
-    axis.annotate(
-        str(row.setting).replace("_", " "), (row.cpu_s, row.error), (3, 3), textcoords="offset points",
-        fontsize=6, zorder=6, path_effects=[withStroke(linewidth=1.5, foreground="white")],
-    )  # fmt: skip
+def _names(axis, rows: pd.DataFrame) -> None:
+    """Settings beside their markers, each where it covers no other; limits have to be set."""
+    width, height = PANEL_POINTS
+    taken: list[tuple[float, float, float, float]] = []
+    for row in rows.sort_values("cpu_s").itertuples():
+        text = str(row.setting).replace("_", " ")
+        long, high = 3.4 * len(text), 6.5  # about, of letters of six points
+        at = axis.transLimits.transform(axis.transScale.transform((row.cpu_s, row.error)))
+        x, y = at[0] * width, at[1] * height
+        for dx, dy in ((3, 3), (3, -9), (3, 10), (3, -16), (-3 - long, 3), (-3 - long, -9)):
+            box = x + dx, y + dy, x + dx + long, y + dy + high
+            if not any(box[0] < o[2] and o[0] < box[2] and box[1] < o[3] and o[1] < box[3] for o in taken):
+                break
+        taken.append(box)
+        axis.annotate(
+            text, (row.cpu_s, row.error), (dx, dy), textcoords="offset points", fontsize=6, zorder=6,
+            path_effects=[withStroke(linewidth=1.5, foreground="white")],
+        )  # fmt: skip
 
 
 def _packing_panel(axis, table: pd.DataFrame, metric: str) -> None:
@@ -194,9 +210,8 @@ def _packing_panel(axis, table: pd.DataFrame, metric: str) -> None:
         for error in chance["error"]:
             axis.axhline(error, color=GREY, lw=0.8, ls="--", zorder=0)
     _points(axis, rows, lambda row: (TWIN_COLOUR if row.told else GREY, "o"))
-    for row in rows[rows["told"] & (rows["front"] if overlap else True)].itertuples():
-        _name(axis, row)
     _titled(axis, metric, pd.concat([rows["error"], chance["error"]]), 1.25)
+    _names(axis, rows[rows["told"] & rows["error"].notna() & (rows["front"] if overlap else True)])
 
 
 def _preset_panel(axis, table: pd.DataFrame, metric: str) -> None:
@@ -224,13 +239,15 @@ def _known_panel(axis, table: pd.DataFrame, knob: str) -> None:
     for metric in _metrics(rows):
         look = METRIC_LOOKS[metric]
         _points(axis, rows[rows["metric"] == metric], lambda row, look=look: look, floor, look[0])
-    worst = rows.sort_values("error").drop_duplicates("setting", keep="last")
-    for row in worst[worst["error"].notna()].itertuples():
-        _name(axis, row)
     axis.set_yscale("log")
+    axis.set_ylim(floor, 3 * rows["error"].max())
     _plain_ticks(axis.yaxis)
-    axis.set_ylim(floor, 2 * rows["error"].max())
     axis.set_ylabel("error", fontsize=6.5)
+    # one name for all metrics that a run gave
+    worst = (
+        rows.dropna(subset="error").sort_values("error").drop_duplicates(["setting", "cpu_s"], keep="last")
+    )
+    _names(axis, worst)
 
 
 def _plain_ticks(axis) -> None:
