@@ -162,7 +162,7 @@ def check_files(paths: Iterable[str | Path]) -> None:
             if folder not in written:
                 written[folder] = {
                     os.path.abspath(file.parent / name): (record["rule"], expected)
-                    for file, record in records(folder).items()
+                    for file, record in reversed(records(folder).items())  # the first by name counts
                     for name, expected in record["outputs"].items()
                 }
             if target in written[folder]:
