@@ -693,7 +693,7 @@ def test_reference_mistakes(tmp_path):
     for match, kwargs in [
         ("no voxel size", {"voxel_size_um": None}),
         ("no header", {}),
-        ("belong together", {"shape": [5, 4, 6]}),
+        ("both their shape and their type", {"shape": [5, 4, 6]}),
         ("120 bytes, but 5 x 4 x 7 voxels of uint8 are 140", {"shape": [5, 4, 7], "dtype": "uint8"}),
         ("no number type", {"shape": [5, 4, 6], "dtype": "uint9"}),
         ("plain integers", {"shape": [5, 4, 6], "dtype": "O"}),

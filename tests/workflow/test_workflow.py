@@ -459,6 +459,14 @@ def test_a_section_is_read_again_for_what_it_was_read_by_only(tmp_path):
     assert done.returncode == 0, done.stdout[-3000:]
     measured = io.read_table(tmp_path / "results/rock/reference_s2.csv")
     assert measured["s2"][0] == pytest.approx(volume.mean())
+    # raw numbers, as micro-CT is shared, are the same volume
+    volume[1:].astype(">u2").tofile(tmp_path / "volume.raw")
+    raw = judged | {"reference": "volume.raw", "reference_shape": "39;40;40", "reference_dtype": ">u2"}
+    write_config(tmp_path, {**TINY, "samples": {"rock": raw}})
+    done = snakemake(tmp_path, "--", "results/rock/reference.zarr.zip")
+    assert done.returncode == 0, done.stdout[-3000:]
+    read, _ = io.read_volume(tmp_path / "results/rock/reference.zarr.zip", "phase")
+    np.testing.assert_array_equal(read, volume[1:])
 
 
 def test_voxels_may_be_finer_than_the_pixels_of_the_section(finished, tmp_path):

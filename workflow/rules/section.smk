@@ -104,7 +104,12 @@ rule read_reference:
         mem_mb=8000,
         runtime=60,
     params:
-        row=row("reference_voxel_size_um", "reference_pore"),
+        row=row(
+            "reference_voxel_size_um",
+            "reference_pore",
+            "reference_shape",
+            "reference_dtype",
+        ),
         checksums=checksums("reference"),
         science=science("section"),
     script:

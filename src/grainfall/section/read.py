@@ -227,7 +227,9 @@ def read_reference(
     names, values, positions = _declared(phases)
     if (shape is None) != (dtype is None):
         raise InputError(
-            path, "shape and dtype belong together", "give both for a raw file, neither otherwise"
+            path,
+            "raw numbers need both their shape and their type",
+            "reference_shape and reference_dtype, or neither for a file with a header",
         )
     if shape is not None:
         volume = read_raw(path, shape, dtype, max_pixels=max_voxels)
@@ -235,7 +237,7 @@ def read_reference(
         raise InputError(
             path,
             "a raw file has no header",
-            "a TIFF stack, NPY or Zarr, which say their shape and number type",
+            "reference_shape and reference_dtype, or a TIFF stack, NPY or Zarr, which say theirs",
         )
     else:
         volume = read_raster(path, ndim=3, array=array, prefer=("phase", "labels"), max_pixels=max_voxels)
