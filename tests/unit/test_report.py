@@ -15,6 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grainfall import grains, io, network
+from grainfall.packing import rest, stages
 from grainfall.report import (
     METRICS,
     SUMMARY_COLUMNS,
@@ -26,6 +27,7 @@ from grainfall.report import (
     flow_values,
     intervals,
     judge,
+    judgement,
     metrics_table,
     network_values,
     paired_differences,
@@ -44,7 +46,7 @@ from grainfall.report.html import Results, _permeability, data_uri, drawn_grains
 from grainfall.report.judgement import headline
 from grainfall.report.numbers import number
 from grainfall.surface import SolidSurface, sampling_errors
-from grainfall.volume import as_minerals
+from grainfall.volume import as_minerals, correction
 
 PIXEL = 2.0
 PHASES = ["pore", "quartz", "feldspar <b>"]
@@ -316,6 +318,12 @@ def test_a_sentence_in_place_of_a_figure_is_no_image(tmp_path):
     assert shown_uri(tmp_path / "none.svg") is None
     save_figure(figures.note_figure("nothing"), tmp_path / "note.svg")
     assert shown_uri(tmp_path / "note.svg") is None
+
+
+def test_the_report_judges_by_the_limits_that_the_method_keeps():
+    assert judgement.POROSITY_TOLERANCE == correction.TOLERANCE
+    assert METRICS["packing_overlap"].high == stages.MOST_OVERLAP
+    assert METRICS["drift"].high == rest.AT_REST
 
 
 # ---- the page
