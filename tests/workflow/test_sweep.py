@@ -1,5 +1,6 @@
 """The sweep of what accuracy costs, tiny: its rules run, go on, and end in one table and one page."""
 
+import os
 import shutil
 
 import pandas as pd
@@ -55,6 +56,15 @@ def test_page_and_presets_come_with_it(swept):
         assert (swept / "results/accuracy" / name).stat().st_size > 10_000
     presets = pd.read_csv(swept / "results/accuracy/presets.csv")
     assert set(presets["preset"]) == {"full"}
+
+
+def test_a_truth_that_is_observed_anew_makes_a_new_table(swept):
+    assert "accuracy_table" not in planned(swept, "--", "accuracy")
+    observed = next((swept / "results").glob("*/observed.json"))
+    was = observed.stat()
+    os.utime(observed, ns=(was.st_atime_ns, was.st_mtime_ns + 1))
+    assert planned(swept, "--", "accuracy")["accuracy_table"] == 1
+    os.utime(observed, ns=(was.st_atime_ns, was.st_mtime_ns))
 
 
 def test_what_is_measured_is_not_measured_again(swept):

@@ -87,9 +87,25 @@ def accuracy_figure(table: pd.DataFrame, sweep: Mapping) -> Figure:
     analysis = table[table["scene"].isin(known)]
     against = sweep["against"]
     blocks = [
-        Block(f"Packing: first packings against {against}", _metrics(packing), packing, 3, *PACKING_LOOK),
-        Block("Presets: whole twins against the truth", _metrics(presets), presets, 5, *PRESET_LOOK),
-        Block("Analysis: volumes and sections of known truth", known, analysis, 3, *ANALYSIS_LOOK),
+        Block(
+            f"Packing: first packings against {against}",
+            _metrics(packing),
+            packing,
+            3,
+            _packing_panel,
+            _packing_marks,
+        ),
+        Block(
+            "Presets: whole twins against the truth",
+            _metrics(presets),
+            presets,
+            5,
+            _preset_panel,
+            _preset_marks,
+        ),
+        Block(
+            "Analysis: volumes and sections of known truth", known, analysis, 3, _known_panel, _known_marks
+        ),
     ]
     blocks = [block for block in blocks if block.panels]
     heights = [1.35 * block.n_rows + 0.6 for block in blocks]
@@ -127,22 +143,30 @@ def _mark(label: str, marker: str = "", colour: str = GREY, line: str = "", holl
     return Line2D([], [], ls=line, lw=0.9, marker=marker, ms=4.5, color=colour, mfc=face, label=label)
 
 
-def _front_marks(colour: str) -> list[Line2D]:
-    return [_mark("on the front", "o", colour, "-"), _mark("dominated", "o", colour, hollow=True)]
+def _front_marks() -> list[Line2D]:
+    return [_mark("on the front", "o", SECTION, "-"), _mark("dominated", "o", SECTION, hollow=True)]
 
 
 def _packing_marks(rows: pd.DataFrame) -> list[Line2D]:
     marks = [_mark("beyond chance (95 %), named", "o", TWIN_COLOUR), _mark("within chance", "o", GREY)]
-    marks += _front_marks(SECTION)
+    marks += _front_marks()
     if (rows["knob"] == CHANCE).any():
         marks.append(_mark("chance: the same again", line="--"))
     return marks + _finest_mark(rows)
 
 
+def _preset_looks(rows: pd.DataFrame) -> dict[str, str]:
+    """Marker of each preset."""
+    return dict(zip(rows["setting"].unique(), PRESET_MARKERS, strict=False))
+
+
 def _preset_marks(rows: pd.DataFrame) -> list[Line2D]:
-    looks = zip(rows.drop_duplicates("setting").itertuples(), PRESET_MARKERS, strict=False)
-    marks = [_mark(f"{row.setting}, {row.cpu_s:.0f} CPU s", marker, TWIN_COLOUR) for row, marker in looks]
-    return marks + _front_marks(SECTION)
+    cost = rows.groupby("setting")["cpu_s"].first()
+    marks = [
+        _mark(f"{preset}, {cost[preset]:.0f} CPU s", marker, TWIN_COLOUR)
+        for preset, marker in _preset_looks(rows).items()
+    ]
+    return marks + _front_marks()
 
 
 def _known_marks(rows: pd.DataFrame) -> list[Line2D]:
@@ -151,7 +175,7 @@ def _known_marks(rows: pd.DataFrame) -> list[Line2D]:
         _mark(f"{METRICS[name].label}, {_error(name)}", marker, colour)
         for name, (colour, marker) in looks.items()
     ]
-    return marks + _front_marks(SECTION) + _finest_mark(rows)
+    return marks + _front_marks() + _finest_mark(rows)
 
 
 def _finest_mark(rows: pd.DataFrame) -> list[Line2D]:
@@ -216,7 +240,7 @@ def _packing_panel(axis, table: pd.DataFrame, metric: str) -> None:
 
 def _preset_panel(axis, table: pd.DataFrame, metric: str) -> None:
     rows = table[table["metric"] == metric]
-    looks = dict(zip(table["setting"].unique(), PRESET_MARKERS, strict=False))
+    looks = _preset_looks(table)
     _points(axis, rows, lambda row: (TWIN_COLOUR, looks[row.setting]))
     _titled(axis, metric, pd.concat([rows["error"], rows["upper"]]), 1.1)
 
@@ -268,8 +292,3 @@ def _error(metric: str) -> str:
         .replace("smaller radius", "smaller r")
         .replace("relative difference", "relative")
     )
-
-
-PACKING_LOOK = _packing_panel, _packing_marks
-PRESET_LOOK = _preset_panel, _preset_marks
-ANALYSIS_LOOK = _known_panel, _known_marks
