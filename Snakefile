@@ -37,8 +37,9 @@ rule all:
 
 
 if CACHING:
-    for cached in CACHED_JOBS:
-        workflow.get_rule(cached)._benchmark = None
+    for step in workflow.rules:
+        if own_name(step.name) in CACHED_JOBS:
+            step._benchmark = None
 
 
 # The Slurm plugin starts Snakemake in the allocation, which would start another for every step of the job (srun). What

@@ -1,5 +1,6 @@
 """Common ground: the validated config, the samples, and the hash of the science that jobs use."""
 
+import copy
 import fcntl
 import hashlib
 import os
@@ -14,7 +15,11 @@ from snakemake import benchmark
 from snakemake.exceptions import WorkflowError
 from snakemake.scheduling.job_scheduler import JobScheduler
 
-HOUSE = Path(workflow.basedir)
+HOUSE = Path(str(workflow.current_basedir)).parents[1]
+if not HOUSE.is_dir():
+    raise WorkflowError(
+        f"module: {HOUSE} is no folder here; give the path of a checkout, grainfall/Snakefile"
+    )
 sys.path.insert(0, str(HOUSE / "src"))
 
 from grainfall import config as sheet
@@ -89,6 +94,26 @@ if workflow.is_main_process:
         end_with(int(cli))
 os.environ.update(GRAINFALL_SNAKEMAKE=str(os.getpid()))  # jobs end when it does
 
+# Another Snakefile may have this one as a module: the config is what that one hands over, in no file of its own, and
+# rules are called as that one says, `use rule * from grainfall as rock_*`.
+AS_MODULE = not workflow.modifier.is_main_snakefile()
+# Relative, or results that are moved would be out of date.
+CONFIG_FILES = [] if AS_MODULE else list(map(os.path.relpath, workflow.configfiles))
+OVERRIDES = copy.deepcopy(
+    config if AS_MODULE else dict(workflow.config_settings.config or {})
+)
+CALLED_BEFORE, _, CALLED_AFTER = workflow.modifier.modify_rulename("*").partition("*")
+if workflow.modifier.path_modifier.replace_prefix("results/") != "results/":
+    raise WorkflowError(
+        "module: a prefix would move what grainfall writes from where it reads it; leave it out"
+    )
+
+
+def own_name(rulename):
+    """What a rule is called here."""
+    return rulename.removeprefix(CALLED_BEFORE).removesuffix(CALLED_AFTER)
+
+
 CONFIG_SCHEMA = sheet.load_yaml(
     HOUSE / "workflow/schemas/config.schema.yaml", ours=True
 )
@@ -98,7 +123,7 @@ SAMPLE_SCHEMA = sheet.load_yaml(
 
 try:
     # Snakemake lets a key that stands there twice pass.
-    for path in workflow.configfiles:
+    for path in CONFIG_FILES:
         sheet.load_yaml(path)
     CONFIG = sheet.resolve(
         config,
@@ -296,6 +321,7 @@ def memory(otherwise):
     """A resource function: MB to ask for, by the job's size where that is known; more where it was not enough."""
 
     def of(wildcards, rulename, attempt):
+        rulename = own_name(rulename)
         known, size = need(rulename, wildcards)
         asked = known.mem_mb if known else otherwise
         if known and rulename.endswith("_on_voxels"):
@@ -312,6 +338,7 @@ def runtime(otherwise):
     """A resource function: minutes to ask for, as :func:`memory`."""
 
     def of(wildcards, rulename, attempt):
+        rulename = own_name(rulename)
         known, size = need(rulename, wildcards)
         if known is None or rulename.endswith("_on_voxels"):
             return max(known.runtime_min if known else 0, otherwise) * attempt
@@ -325,7 +352,7 @@ def runtime(otherwise):
 
 def many_threads(wildcards, rulename):
     """Threads of jobs that can use several: one more for every two minutes that such jobs have needed."""
-    known, _ = need(rulename, wildcards)
+    known, _ = need(own_name(rulename), wildcards)
     return known.threads if known else 1
 
 

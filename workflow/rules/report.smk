@@ -213,9 +213,8 @@ rule provenance:
         mem_mb=1000,
         runtime=5,
     params:
-        # relative, or results that are moved would be out of date
-        files=list(map(os.path.relpath, workflow.configfiles)),
-        overrides=dict(workflow.config_settings.config or {}),
+        files=CONFIG_FILES,
+        overrides=OVERRIDES,
         config=CONFIG,
         samples=SAMPLES,
     script:
