@@ -81,28 +81,16 @@ def plan_deficit(
         (of the section between them), wanted (the same before the rims).
     """
     target_porosity = scene["porosity_target"]
-    wanted = overgrowth.porosity_before(target_porosity, porosity_first)
-    if target_porosity < porosity_first - limit:
-        wanted = min(wanted, porosity_first)
-    fill = wanted - target_porosity
-    rims = decide(
-        cement,
-        overgrowth.exceeds and fill > 0,
-        f"{overgrowth.words}; rims that closed their contacts would fill {fill:.4f} of the region",
-        possible=fill > 0,
-    )
-    wanted = wanted if rims["on"] else target_porosity
+    rims, wanted = _rims(overgrowth, target_porosity, porosity_first, cement, limit)
     aim = f"porosity {wanted:.4f} before the rims" if rims["on"] else f"target porosity {wanted:.4f}"
     short = wanted - porosity_first
-    # Pores of the volume share v in a matrix of the first packing's porosity.
-    with_tail = tail.share + (1 - tail.share) * porosity_first
     for_tail = tail.exceeds and short <= limit
-    radius = (3 * mean_grain_volume / (4 * np.pi)) ** (1 / 3)
     # Rims fill pores between the voids, which have 1 - v = (1 - phi) / (1 - phi_between) of the region.
     between_voids = None
     if between is not None and tail.exceeds and not for_tail:
         filled = (wanted - target_porosity) * (1 - between.porosity) / (1 - target_porosity)
         between_voids = between.porosity + filled
+    radius = (3 * mean_grain_volume / (4 * np.pi)) ** (1 / 3)
     limits = {
         "smallest_um": max(THROAT * radius, tail.first_um if for_tail else 0.0),
         "largest_um": WIDEST_SPHERE * scene["edge_um"],
@@ -117,19 +105,21 @@ def plan_deficit(
                 f"; grains alone pour as loose as those between the voids ({between_voids:.4f}), so "
                 "spheres are to hold voids open only"
             )
-    if short > limit:
-        reason = f"the {aim} exceeds the first packing's {porosity_first:.4f}"
-    elif short >= -limit:
-        reason = f"the first packing's {porosity_first:.4f} is within {limit:g} of the {aim}"
-    else:
-        reason = f"the {aim} is below the first packing's {porosity_first:.4f}"
-    reason += f"; {tail.words}"
-    reason += alone + (f"; {sizes.reason}" if sizes.reason else "")
     spheres = decide(
         switch,
         (short > limit or for_tail) and sizes.called_for,
-        reason,
+        f"{_compared(aim, short, porosity_first, limit)}; {tail.words}{alone}"
+        + (f"; {sizes.reason}" if sizes.reason else ""),
         possible=(short > 0 or for_tail) and sizes.called_for,
+    )
+    # Pores of the volume share v in a matrix of the first packing's porosity.
+    with_tail = tail.share + (1 - tail.share) * porosity_first
+    p_sp = (
+        sphere_probability(
+            with_tail if for_tail else wanted, porosity_first, sizes.mean_volume, mean_grain_volume
+        )
+        if spheres["on"]
+        else 0.0
     )
     holding = "virtual spheres hold" if spheres["on"] else "no virtual spheres hold"
     shaped = decide(
@@ -164,15 +154,33 @@ def plan_deficit(
             "porosity": float(wanted),
             "section_per_um": float(overgrowth.section.per_um),
         },
-        "virtual_spheres": {
-            **spheres,
-            "for_tail": bool(for_tail),
-            "p_sp": sphere_probability(
-                with_tail if for_tail else wanted, porosity_first, sizes.mean_volume, mean_grain_volume
-            )
-            if spheres["on"]
-            else 0.0,
-        },
+        "virtual_spheres": {**spheres, "for_tail": bool(for_tail), "p_sp": p_sp},
         "void_shapes": shaped,
         "between": held,
     }
+
+
+def _rims(
+    overgrowth: Overgrowth, target: float, first: float, switch: str, limit: float
+) -> tuple[dict, float]:
+    """Whether rims are called for, and the porosity that the packings aim at before them."""
+    wanted = overgrowth.porosity_before(target, first)
+    if target < first - limit:
+        wanted = min(wanted, first)
+    fill = wanted - target
+    rims = decide(
+        switch,
+        overgrowth.exceeds and fill > 0,
+        f"{overgrowth.words}; rims that closed their contacts would fill {fill:.4f} of the region",
+        possible=fill > 0,
+    )
+    return rims, wanted if rims["on"] else target
+
+
+def _compared(aim: str, short: float, first: float, limit: float) -> str:
+    """How the porosity aimed at lies to the first packing's, in words."""
+    if short > limit:
+        return f"the {aim} exceeds the first packing's {first:.4f}"
+    if short >= -limit:
+        return f"the first packing's {first:.4f} is within {limit:g} of the {aim}"
+    return f"the {aim} is below the first packing's {first:.4f}"
