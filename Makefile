@@ -131,8 +131,9 @@ bench-needs: $(VENV)/.ready  ## what jobs need, from finished runs: make bench-n
 bench-network: $(VENV)/.ready  ## time, memory and topology of network extraction
 	$(BIN)/python tests/benchmarks/network.py --out results/benchmarks/network_speed.csv
 
-bench-permeability: $(VENV)/.ready
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/benchmarks/permeability.py --out results/benchmarks/permeability.csv
+bench-permeability: $(VENV)/.ready  ## K against published values; of your own rock: make bench-permeability VOLUME=rock.tif VOXEL=2.5
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/benchmarks/permeability.py --out results/benchmarks/permeability.csv \
+		$(if $(VOLUME),--samples --volume "$(VOLUME)" $(if $(VOXEL),--voxel $(VOXEL)) $(if $(PORE),--pore $(PORE)))
 
 paper-scale: $(VENV)/.ready  ## 1000^3 voxels from section to report, and smaller ones; some: make paper-scale EDGES="125 250"
 	$(BIN)/python tests/benchmarks/paper_scale.py $(if $(EDGES),--edges $(EDGES)) $(if $(filter-out all,$(CORES)),--cores $(CORES))

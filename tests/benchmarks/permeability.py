@@ -13,6 +13,8 @@ computed again: delete the file, or the rows, to measure anew.
   method) and as the periodic distance field it is; k_ref is the middle of the published range.
 - ``packs``: six packed twins of different shape, sorting and porosity, and those that ``--twins`` names;
   k_ref and ff_ref are those of direct.
+- ``volume_...``: cubes of ``--volume``, a segmented rock of your own, against direct, too:
+  ``make bench-permeability VOLUME=rock.tif VOXEL=2.5`` (um; ``PORE=1`` where that is the pore).
 """
 
 from __future__ import annotations
@@ -33,6 +35,7 @@ from grainfall import flow, io, network, volume
 from grainfall.flow import direct, elliptic
 from grainfall.grains import Library
 from grainfall.packing import Parameters, container, deposit
+from grainfall.section import read_reference
 from grainfall.units import m2_to_millidarcy, um2_to_millidarcy
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared/data"
@@ -163,6 +166,14 @@ def twins(paths: list[Path], edge: int) -> Iterator[tuple[str, np.ndarray, float
         yield name, np.ascontiguousarray(phase[middle] == 0), attributes["voxel_size_um"]
 
 
+def cubes(path: Path, pore: int, voxel_um: float, edge: int) -> Iterator[tuple[str, np.ndarray, float]]:
+    """A volume in cubes: name, pore space, edge of a voxel in um."""
+    rock, _ = read_reference(path, voxel_um, pore_value=pore)
+    for n, start in enumerate(np.ndindex(*(length // edge for length in rock.shape))):
+        part = tuple(slice(edge * i, edge * (i + 1)) for i in start)
+        yield f"volume_{path.stem}_{n}", rock[part] == 0, voxel_um
+
+
 PACKS = {
     "spheres": ("sphere", 0.0, None),
     "spheres_unsorted": ("sphere", 0.5, None),
@@ -229,6 +240,10 @@ def main() -> None:
     options.add_argument("--andra", nargs="+", type=int, default=[96, 128, 192], help="voxels along the pack")
     options.add_argument("--twins", nargs="+", type=Path, default=[], help="volumes, twin.zarr.zip")
     options.add_argument("--twin_edge", type=int, default=100, help="voxels along the middle of a twin")
+    options.add_argument("--volume", type=Path, help="a segmented rock of your own")
+    options.add_argument("--pore", type=int, default=0, help="its value that is pore")
+    options.add_argument("--voxel", type=float, default=1.0, help="edge of its voxels, um")
+    options.add_argument("--edge", type=int, default=128, help="of the cubes that it is cut into, voxels")
     options.add_argument("--out", type=Path, default=Path("results/benchmarks/permeability.csv"))
     given = options.parse_args()
     table = Table(given.out)
@@ -262,7 +277,8 @@ def main() -> None:
                         table.add((f"andra_n{n}", None, axis, method, k, k_ref, factor, np.nan, wall_s))
     if "berea" in given.samples:
         berea(table, given.methods, given.cubes)
-    for volumes in (packs() if "packs" in given.samples else (), twins(given.twins, given.twin_edge)):
+    own = cubes(given.volume, given.pore, given.voxel, given.edge) if given.volume else ()
+    for volumes in (packs() if "packs" in given.samples else (), twins(given.twins, given.twin_edge), own):
         for sample, pore, voxel_um in volumes:
             against_direct(table, given.methods, sample, pore, voxel_um)
     report(table.rows)
@@ -278,7 +294,7 @@ def report(rows: pd.DataFrame) -> None:
     """What the table says, a line for each sample and method."""
     group = rows["sample"].where(
         rows["sample"] == "berea",
-        rows["sample"].str.replace(r"_n\d+|(?<=^twin)_.*|(?<=^pack)_.*", "", regex=True),
+        rows["sample"].str.replace(r"_n\d+|(?<=^twin)_.*|(?<=^pack)_.*|(?<=^volume)_.*", "", regex=True),
     )
     for (sample, method), part in rows.groupby([group, "method"], sort=False):
         for name in ("k", "ff"):
