@@ -339,7 +339,20 @@ class TestChance:
         assert not self.told([0.2, -0.1, 0.1], "k", [0.01, 0.01, 0.01])
 
     def test_a_bias_beyond_its_scatter_is_not(self):
-        assert self.told([-0.2, -0.21, -0.19], "k", [0.5, -0.5, 0.5])
+        assert self.told([-0.2, -0.21, -0.19], "k", [0.03, -0.02, 0.01])
+
+    def test_repeats_that_happen_to_agree_are_judged_by_how_others_scatter(self):
+        """Of 40 settings without any effect one in twenty would be told by its own three repeats alone."""
+        rng = np.random.default_rng(0)
+        by_themselves = told = 0
+        for _ in range(20):
+            names = [f"setting_{i}" for i in range(40)]
+            drawn = repeats({name: list(rng.normal(0, 0.1, 3)) for name in names}, dict.fromkeys(names, 1))
+            rows = accuracy.summarise(drawn.assign(metric="k"))
+            by_themselves += ((rows["bias_lower"] > 0) | (rows["bias_upper"] < 0)).sum()
+            told += accuracy.beyond_chance(rows, rows[:0]).sum()
+        assert by_themselves > 20
+        assert told <= 3
 
     def test_a_distance_is_chance_up_to_that_of_the_same_again(self):
         assert not self.told([0.20, 0.21, 0.19], "s2", [0.3, 0.3, 0.3])
@@ -376,7 +389,7 @@ class TestTheStudy:
     def test_page_draws_what_is_there(self, root):
         """Half a sweep gives half a page; a setting is named where it differs by more than chance."""
         sweep = config.load_yaml(root / "config/cases/accuracy.yaml")["accuracy_sweep"]
-        rows = repeats({"coarse": [0.2, 0.21], "fine": [0.05, -0.04]}, {"coarse": 1, "fine": 9})
+        rows = repeats({"coarse": [0.2, 0.21, 0.2], "fine": [0.02, -0.02, 0.01]}, {"coarse": 1, "fine": 9})
         figure = accuracy_figure(accuracy.summarise(rows.assign(knob="together")), sweep)
         said = [text.get_text() for part in figure.subfigs for axis in part.axes for text in axis.texts]
         assert said == ["coarse"]

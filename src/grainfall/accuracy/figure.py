@@ -148,7 +148,10 @@ def _front_marks() -> list[Line2D]:
 
 
 def _packing_marks(rows: pd.DataFrame) -> list[Line2D]:
-    marks = [_mark("beyond chance (95 %), named", "o", TWIN_COLOUR), _mark("within chance", "o", GREY)]
+    marks = [
+        _mark("beyond chance, named", "o", TWIN_COLOUR),
+        _mark("not told from chance", "o", GREY),
+    ]
     marks += _front_marks()
     if (rows["knob"] == CHANCE).any():
         marks.append(_mark("chance: the same again", line="--"))

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import scipy  # its stats take half a second to load, and do so when they are first used
 
 from grainfall import io
 from grainfall.accuracy.observe import DISTANCES, differences
@@ -161,10 +162,13 @@ def front(cost: np.ndarray, error: np.ndarray) -> np.ndarray:
 
 
 def beyond_chance(rows: pd.DataFrame, chance: pd.DataFrame) -> pd.Series:
-    """Whether a setting's error is more than chance explains.
+    """Whether a setting's error is more than chance explains, at 5 % over all the settings at once.
 
-    A difference with a sign is told from none by the 95 % interval of its bias; one without, a distance, is
-    never 0 and has to lie above that of the same thing done again, by its whole interval.
+    Its own 95 % interval has to say so, and more: three repeats that happen to lie close together make any
+    difference look certain. So how much repeats scatter is pooled, too, over the settings, by the median of
+    their variances, which a few that differ do not move, and the level is shared by all of them (Bonferroni).
+    A difference with a sign is told from none; one without, a distance, is never 0 and has to lie above that
+    of the same thing done again.
 
     Parameters
     ----------
@@ -176,9 +180,28 @@ def beyond_chance(rows: pd.DataFrame, chance: pd.DataFrame) -> pd.Series:
     Series of bool
         True, too, where single repeats tell nothing.
     """
+    whole = pd.concat([rows, chance])
+    again = chance.nlargest(1, "error")[["error", "n"]]
+    known, repeats = (again[of].item() if len(again) else np.nan for of in ("error", "n"))
+    once = np.sqrt(1 / rows["n"]), np.sqrt(1 / rows["n"] + 1 / repeats)
     signed = (rows["bias_lower"] <= 0) & (rows["bias_upper"] >= 0)
-    distance = rows["lower"] <= chance["error"].max()
+    signed |= rows["bias"].abs() <= _bound(whole, "bias", 0.025 / len(rows)) * once[0]
+    distance = rows["lower"] <= known
+    distance |= rows["error"] - known <= _bound(whole, "error", 0.05 / len(rows)) * once[1]
     return ~distance.where(rows["metric"].isin(DISTANCES), signed)
+
+
+def _bound(rows: pd.DataFrame, figure: str, level: float) -> float:
+    """What a single repeat exceeds at that level by the scatter of all; NaN where each is a single one."""
+    upper = rows["upper" if figure == "error" else "bias_upper"]
+    repeated = rows["n"][upper.notna()].to_numpy() - 1
+    if not len(repeated):
+        return np.nan
+    half = (upper - rows[figure]).dropna().to_numpy()
+    t, chi2 = scipy.stats.t, scipy.stats.chi2
+    variance = (half / t.ppf(0.975, repeated)) ** 2 * (repeated + 1)
+    pooled = np.median(variance * repeated / chi2.median(repeated))
+    return t.isf(level, repeated.sum()) * np.sqrt(pooled)
 
 
 def rounded(table: pd.DataFrame) -> pd.DataFrame:
