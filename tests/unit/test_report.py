@@ -756,6 +756,26 @@ def test_intervals_are_student_t():
     one = paired_differences(rows[rows["realization"] == 0], ["porosity"])
     assert one["differs"][0] is None
     assert np.isnan(one["lower"][0])
+    two = paired_differences(
+        rows[rows["realization"] < 2].assign(porosity=[0.3, 0.32, 0.35, 0.38]), ["porosity"]
+    )
+    assert two["differs"][0] is None
+    assert two.loc[0, ["lower", "upper"]].tolist() == pytest.approx([0.05, 0.06])
+
+
+def test_permeabilities_are_compared_by_their_ratio():
+    """A pair of 10 and 20 mD says as much as one of 1000 and 2000."""
+    rows = pd.DataFrame(
+        {"sample": "s", "variant": ["a"] * 3 + ["b"] * 3, "realization": [0, 1, 2] * 2,
+         "k_x_md": [10.0, 1000.0, 100.0, 20.0, 2000.0, 200.0]}
+    )  # fmt: skip
+    (row,) = paired_differences(rows, ["k_x_md"]).itertuples()
+    assert row.ratio
+    assert row.differs
+    assert [row.mean, row.lower, row.upper] == pytest.approx([2, 2, 2])
+    (blocked,) = paired_differences(rows.assign(k_x_md=[0, 1, 2, 0, 1, 2.0]), ["k_x_md"]).itertuples()
+    assert not blocked.ratio
+    assert not blocked.differs
 
 
 def test_two_realizations_have_a_range_and_no_bound_is_impossible():

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import scipy  # its stats take half a second to load, and do so when they are first used
 
-SHARES = ("porosity", "porosity_first", "porosity_second", "s2_inside_envelope", "s2_envelope_p", "rattlers")
+SHARES = ("porosity", "porosity_first", "porosity_second", "rattlers")
 """Columns of summary.csv between 0 and 1."""
 
 
@@ -20,7 +20,7 @@ def intervals(
 ) -> pd.DataFrame:
     """Mean and 95 % interval over realizations.
 
-    Student's t; of permeabilities that of their logarithms, carried back, since they scatter by factors.
+    Student's t; of permeabilities both are of their logarithms, carried back, since they scatter by factors.
     Bounds stay where the figure can lie: none is negative, shares are at most 1. Two realizations would give
     twelve times their standard error: theirs is the range of the two.
 
@@ -41,10 +41,10 @@ def intervals(
 
     def bounded(name: str, values: np.ndarray) -> tuple[int, float, float, float]:
         n, mean, lower, upper = t_interval(values)
+        if name.startswith("k_") and values.min() > 0:
+            mean, lower, upper = np.exp(t_interval(np.log(values))[1:]).tolist()
         if n == 2:
             lower, upper = values.min(), values.max()
-        elif name.startswith("k_") and values.min() > 0:
-            lower, upper = np.exp(t_interval(np.log(values))[2:])
         return n, mean, *np.clip([lower, upper], 0, 1 if name in SHARES else np.inf).tolist()
 
     rows = []
@@ -61,6 +61,9 @@ def paired_differences(
 ) -> pd.DataFrame:
     """Differences to the baseline variant, paired by realization (variants share their random numbers).
 
+    Of permeabilities, which scatter by factors, it is the ratio: the geometric mean, and what excludes 1. Two
+    pairs have their range, and tell nothing.
+
     Parameters
     ----------
     summary : DataFrame
@@ -72,8 +75,8 @@ def paired_differences(
     Returns
     -------
     DataFrame
-        sample, variant, baseline, metric, n, mean, lower, upper, differs (the 95 % interval excludes 0; empty
-        for a single pair).
+        sample, variant, baseline, metric, ratio (whether it is one), n, mean, lower, upper, differs (the 95 %
+        interval excludes that there is no difference; None for one or two pairs).
     """
     rows = []
     for sample, group in summary.groupby("sample", sort=False):
@@ -86,12 +89,23 @@ def paired_differences(
                     [pd.to_numeric(tables[n][column], errors="coerce") for n in (name, base)], axis=1
                 ).dropna()
                 if len(pair):
-                    difference = (pair.iloc[:, 0] - pair.iloc[:, 1]).to_numpy(float)
-                    n, mean, lower, upper = t_interval(difference)
-                    differs = None if math.isnan(lower) else bool(lower > 0 or upper < 0)
-                    rows.append((sample, name, base, column, n, mean, lower, upper, differs))
-    columns_out = ["sample", "variant", "baseline", "metric", "n", "mean", "lower", "upper", "differs"]
+                    rows.append((sample, name, base, column, *_difference(column, *pair.to_numpy(float).T)))
+    columns_out = [
+        "sample", "variant", "baseline", "metric", "ratio", "n", "mean", "lower", "upper", "differs",
+    ]  # fmt: skip
     return pd.DataFrame(rows, columns=columns_out)
+
+
+def _difference(name: str, own: np.ndarray, other: np.ndarray) -> tuple:
+    """Whether it is a ratio, n, mean, lower and upper of paired values, and whether they differ."""
+    ratio = name.startswith("k_") and min(own.min(), other.min()) > 0
+    change = np.log(own / other) if ratio else own - other
+    n, mean, lower, upper = t_interval(change)
+    differs = None if n < 3 else bool(lower > 0 or upper < 0)
+    if n == 2:
+        lower, upper = change.min(), change.max()
+    found = np.array([mean, lower, upper])
+    return ratio, n, *(np.exp(found) if ratio else found).tolist(), differs
 
 
 def t_interval(values: np.ndarray) -> tuple[int, float, float, float]:
