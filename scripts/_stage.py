@@ -46,6 +46,23 @@ def part(wildcards) -> tuple[int, int]:
     return int(which), int(of)
 
 
+def results_folder(snakemake) -> str:
+    """The folder of results, for what is made of all that is in it.
+
+    Raises
+    ------
+    InputError
+        When results are on storage elsewhere.
+    """
+    if not Path(snakemake.output[0]).is_relative_to("results"):
+        raise InputError(
+            snakemake.rule,
+            "results are on storage elsewhere",
+            "a copy of them in results/ here, and a run without the storage provider",
+        )
+    return "results"
+
+
 @contextmanager
 def checkpoints(snakemake):
     """Folder for what a killed job leaves to its next run; gone when the block ends well.

@@ -2,14 +2,17 @@
 
 from pathlib import Path
 
-from _stage import stage
+from _stage import results_folder, stage
 
 from grainfall.report import save_figure
 from grainfall.report.figures import note_figure
 from grainfall.report.paper_figures import FIGURES, Cases
 
 with stage(snakemake) as progress:
-    cases = Cases(Path("results"), {case: study["samples"] for case, study in snakemake.params.cases.items()})
+    cases = Cases(
+        Path(results_folder(snakemake)),
+        {case: study["samples"] for case, study in snakemake.params.cases.items()},
+    )
     figures = {}
     for name, entry in FIGURES.items():
         progress(name)

@@ -17,7 +17,7 @@ pytest.importorskip("typer")
 
 from grainfall import cli
 from grainfall import config as sheet
-from grainfall.cli import look, study
+from grainfall.cli import doctor, look, study
 from grainfall.cli.costs import Costs
 from grainfall.errors import InputError
 
@@ -222,6 +222,16 @@ def test_nothing_is_overwritten(capsys, picture, tmp_path):
     assert grainfall(capsys, *new, "--force")[0] == 0
     assert not config.read_text().endswith("# mine\n")
     assert (tmp_path / "a/results").is_dir()
+
+
+def test_jobs_that_run_at_once_are_kept_within_the_memory(capsys, root, tmp_path, monkeypatch):
+    shutil.copy(root / "docs/tiny.yaml", tmp_path / "config.yaml")
+    commands = []
+    monkeypatch.setattr(study, "follow", lambda command, each: (commands.append(command) or 0, None))
+    monkeypatch.setattr(doctor, "memory_limit", lambda: 20 * 2**30)
+    assert grainfall(capsys, "run", tmp_path)[0] == 0
+    (command,) = commands
+    assert command[command.index("--resources") + 1] == f"mem_mb={round(0.9 * 20 * 1024)}"
 
 
 @pytest.mark.parametrize(

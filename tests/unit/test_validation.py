@@ -188,8 +188,8 @@ def test_nearer_is_said_of_paired_differences():
     def difference(*arguments):
         return [(row[2], row[4], pytest.approx(row[5])) for row in _nearer("xct", "a", twins(*arguments))]
 
-    # the mean of the twins is what a user takes, so 0.9 and 1.1 are right together
-    assert difference([0.9, 1.1], [1.13]) == [("tomogram", "k_ratio_nearer", 0.13)]
+    # 0.9 and 1.1 are right together, but a tomogram is one, and so is a twin
+    assert difference([0.9, 1.1], [1.13]) == [("tomogram", "k_ratio_nearer", 0.03)]
     # realization 1 has no partner
     assert difference([0.9, 2.0], [0.8], "touching", (0,)) == [("touching", "k_ratio_nearer", 0.1)]
     assert difference([0.9], [], "touching", ()) == []
@@ -222,10 +222,33 @@ def test_claims_say_how_far_cubes_of_the_truth_are_from_each_other():
         assert f"{words} 0.062" in said(aggregate(pd.concat([twins, cubes])), case, of)
 
 
-@pytest.mark.parametrize(("half", "status"), [(0.01, SHOWN), (0.2, OPEN), (2.0, OPEN)])
-def test_a_wide_interval_about_bereas_k_shows_nothing(half, status):
+@pytest.mark.parametrize(
+    ("half", "status"), [(0.01, SHOWN), (0.05, OPEN), (0.2, NOT_SHOWN), (2.0, NOT_SHOWN)]
+)
+def test_one_slice_of_berea_is_judged_by_one_more_not_by_their_mean(half, status):
     own = figures({"x": [1.02 - half], "y": [1.02], "z": [1.02 + half]}, "berea")
     assert next(c for c in claims(aggregate(own)) if c.case == "berea").status == status
+
+
+def test_many_slices_that_all_miss_do_not_make_one_that_holds():
+    """Their mean is 1 to 3 %, and each is off by a quarter."""
+    own = figures({f"slice_{n}": [0.75 + n % 2 / 2] for n in range(50)}, "berea")
+    found = next(c for c in claims(aggregate(own)) if c.case == "berea")
+    assert found.status == NOT_SHOWN
+    assert "one more slice of this volume would have 0.48" in found.ours
+
+
+def test_twins_of_a_single_section_show_nothing_of_others():
+    own = figures({"a": [0.98, 0.99, 1.0, 1.01, 1.02]}, "stereology")
+    assert next(c for c in claims(aggregate(own)) if c.case == "stereology").status == OPEN
+
+
+def test_shares_end_at_1_and_p_is_a_median():
+    told = figures({s: [v] for s, v in zip("abc", (1.0, 0.96, 0.4), strict=True)}, "xct")
+    (row,) = aggregate(told.assign(quantity="s2_windows_rejected")).itertuples()
+    assert row.upper == 1
+    (row,) = aggregate(told.assign(quantity="s2_envelope_p")).itertuples()
+    assert (row.mean, row.lower, row.upper) == (0.96, 0.4, 1.0)
 
 
 @pytest.mark.parametrize(("spread", "status"), [(0.05, SHOWN), (0.5, NOT_SHOWN)])

@@ -66,6 +66,42 @@ def test_jobs_ask_for_what_they_do_alone(other):
     assert asked(run(other, "--dry-run", "--forceall", "--", "rock_all").stdout) == asked(alone.stdout)
 
 
+def test_what_the_other_workflow_has_stays_its_own(tmp_path):
+    """Its default target, and how many parts its own jobs have."""
+    folder = another(tmp_path)
+    own = """
+scattergather:
+    slices=3,
+
+rule mine:
+    output:
+        gather.slices("part_{scatteritem}"),
+    shell:
+        "touch {output}"
+
+"""
+    text = (folder / "Snakefile").read_text().replace("    default_target: True\n", "")
+    (folder / "Snakefile").write_text(own + text)
+    done = run(folder)
+    assert done.returncode == 0, done.stdout[-3000:]
+    assert {path.name for path in folder.glob("part_*")} == {f"part_{n}-of-3" for n in (1, 2, 3)}
+    assert not (folder / "results/tiny").exists()
+
+
+def test_a_rule_is_changed_under_a_name_that_tells_which_it_is(tmp_path):
+    folder = another(tmp_path)
+    more = "\nuse rule synthesise from grainfall as {} with:\n    priority: 5\n"
+    text = (folder / "Snakefile").read_text()
+    (folder / "Snakefile").write_text(text + more.format("rock_*"))
+    done = run(folder, "--dry-run")
+    assert done.returncode == 0, done.stdout[-3000:]
+    assert "priority: 5" in done.stdout
+    (folder / "Snakefile").write_text(text + more.format("rock_synthesise"))
+    done = run(folder, "--dry-run")
+    assert done.returncode != 0
+    assert "use rule twin from grainfall as rock_* with:" in done.stdout
+
+
 @pytest.mark.parametrize("more", ['    prefix: "rocks"\n', '    replace_prefix: {"results/": "rocks/"}\n'])
 def test_results_elsewhere_are_refused(tmp_path, more):
     done = run(another(tmp_path, more), "--dry-run")
@@ -80,3 +116,12 @@ def test_config_of_the_module_is_checked(tmp_path):
     assert done.returncode != 0
     assert "presett" in done.stdout
     assert "Traceback" not in done.stdout
+
+
+def test_a_module_without_a_config_says_so(tmp_path):
+    folder = another(tmp_path)
+    text = (folder / "Snakefile").read_text()
+    (folder / "Snakefile").write_text(re.sub(r"    config:\n        config\[.*\]\n", "", text))
+    done = run(folder, "--dry-run")
+    assert done.returncode != 0
+    assert "hand it over, config: config[...]" in done.stdout

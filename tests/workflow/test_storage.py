@@ -60,3 +60,14 @@ def test_storage_elsewhere_takes_the_results(finished, tmp_path, store):
         assert read(name) == (finished / name).read_bytes(), name
     again = snakemake(folder, *where, "--dry-run", "--", TARGET)
     assert "Nothing to be done" in again.stdout
+
+
+def test_what_is_made_of_a_whole_folder_is_left_out(tmp_path, store):
+    """A page about nothing, and success, would be worse than none."""
+    provider, _ = store
+    folder = write_config(tmp_path / "work", TINY)
+    done = snakemake(folder, "--default-storage-provider", *provider, "--dry-run")
+    assert done.returncode == 0, done.stdout[-4000:]
+    assert "rule summary:" in done.stdout
+    assert "report_page" not in done.stdout
+    assert "provenance:" not in done.stdout.replace("twin_provenance:", "")

@@ -1,13 +1,16 @@
 """Common ground: the validated config, the samples, and the hash of the science that jobs use."""
 
+import atexit
 import copy
 import fcntl
 import hashlib
+import inspect
 import os
 import platform
 import shutil
 import sys
 import threading
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
@@ -37,8 +40,10 @@ import grimp
 def sole_run():
     """Clear the locks of a killed run.
 
-    Snakemake's lock outlives a kill; a lock on an open file does not. Every run holds a share in one; who can have
-    it whole is alone on this machine, and if the last run was here, whatever locks there are belong to nobody.
+    Snakemake's lock outlives a kill; a lock on an open file does not. Every run holds a share in one, and leaves its
+    machine's name there until it ends. Who can have it whole is alone on this machine: a name that is there is that of
+    a killed run, and if that was here, whatever locks there are belong to nobody. Jobs on a cluster outlive the run
+    that sent them: those that were killed have to be unlocked by hand.
     """
     folder = Path(".snakemake")
     try:
@@ -52,8 +57,10 @@ def sole_run():
         if handle.read() == platform.node():
             shutil.rmtree(folder / "locks", ignore_errors=True)
         handle.truncate(0)
-        handle.write(platform.node())
-        handle.flush()
+        if workflow.local_exec:
+            handle.write(platform.node())
+            handle.flush()
+            atexit.register(forget, handle)
     except OSError:
         pass  # another run is at work, or this file system knows no such locks
     try:
@@ -63,9 +70,17 @@ def sole_run():
     return handle
 
 
+def forget(handle):
+    """Take back the name of a run that ends by itself."""
+    with suppress(OSError):
+        handle.truncate(0)
+
+
 # Snakemake looks at a job twice a second for its first 15 s, then every 30 s, and what a job uses after the last
 # look is in no table: up to half a minute of it. A look a second is cheap.
-benchmark.benchmarked.__wrapped__.__defaults__ = (None, None, 1)
+timing = inspect.unwrap(benchmark.benchmarked)
+if [*inspect.signature(timing).parameters] == ["pid", "benchmark_record", "interval"]:
+    timing.__defaults__ = (None, None, 1)
 
 
 def look_again(scheduler, delay):
@@ -85,7 +100,8 @@ def look_again(scheduler, delay):
         scheduler.look_due.start()
 
 
-JobScheduler._schedule_reevalutation = look_again
+if hasattr(JobScheduler, "_schedule_reevalutation"):
+    JobScheduler._schedule_reevalutation = look_again
 
 if workflow.is_main_process:
     RUNNING = sole_run()
@@ -102,7 +118,18 @@ CONFIG_FILES = [] if AS_MODULE else list(map(os.path.relpath, workflow.configfil
 OVERRIDES = copy.deepcopy(
     config if AS_MODULE else dict(workflow.config_settings.config or {})
 )
-CALLED_BEFORE, _, CALLED_AFTER = workflow.modifier.modify_rulename("*").partition("*")
+if AS_MODULE and not config:
+    raise WorkflowError(
+        "module: grainfall has no config; hand it over, config: config[...]"
+    )
+CALLED_BEFORE, named, CALLED_AFTER = workflow.modifier.modify_rulename("*").partition(
+    "*"
+)
+if not named:
+    raise WorkflowError(
+        f"module: a rule of grainfall is called {CALLED_BEFORE}, so what it needs is not known; give its name with *, "
+        "as in: use rule twin from grainfall as rock_* with:"
+    )
 if workflow.modifier.path_modifier.replace_prefix("results/") != "results/":
     raise WorkflowError(
         "module: a prefix would move what grainfall writes from where it reads it; leave it out"
@@ -112,6 +139,15 @@ if workflow.modifier.path_modifier.replace_prefix("results/") != "results/":
 def own_name(rulename):
     """What a rule is called here."""
     return rulename.removeprefix(CALLED_BEFORE).removesuffix(CALLED_AFTER)
+
+
+def is_own(step):
+    """Whether a rule is of this workflow, not of one that has it as a module."""
+    return Path(str(step.snakefile)).is_relative_to(HOUSE)
+
+
+# Pages, figures and records are made of all that is in a folder, more than a rule's input can name.
+STORED = workflow.storage_settings.default_storage_provider is not None
 
 
 CONFIG_SCHEMA = sheet.load_yaml(
@@ -230,8 +266,8 @@ wildcard_constraints:
 
 
 scattergather:
-    slices=CONFIG["correlation"]["chunks"],
-    slabs=SLABS,
+    grainfall_slices=CONFIG["correlation"]["chunks"],
+    grainfall_slabs=SLABS,
 
 
 GRAPH = grimp.build_graph("grainfall", cache_dir=None)

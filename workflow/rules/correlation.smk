@@ -25,7 +25,9 @@ rule s2_chunk:
 
 rule s2_slices:
     input:
-        gather.slices(f"{TWIN}/s2_slices/{{scatteritem}}.csv", allow_missing=True),
+        gather.grainfall_slices(
+            f"{TWIN}/s2_slices/{{scatteritem}}.csv", allow_missing=True
+        ),
     output:
         s2=f"{TWIN}/s2_slices.csv",
     log:
@@ -116,7 +118,7 @@ if SLABS > 1:
     rule s2_volume_joined:
         input:
             volume=f"{TWIN}/twin.zarr.zip",
-            counts=gather.slabs(
+            counts=gather.grainfall_slabs(
                 f"{TWIN}/slabs/s2_{{scatteritem}}.npz", allow_missing=True
             ),
         output:
@@ -138,7 +140,7 @@ if SLABS > 1:
     use rule s2_volume_joined as reference_s2_joined with:
         input:
             volume=f"{SAMPLE}/reference.zarr.zip",
-            counts=gather.slabs(
+            counts=gather.grainfall_slabs(
                 f"{SAMPLE}/reference_s2_{{scatteritem}}.npz", allow_missing=True
             ),
         output:

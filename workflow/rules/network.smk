@@ -81,7 +81,7 @@ if SLABS > 1:
     rule network_slab_distances:
         input:
             volume=f"{TWIN}/twin.zarr.zip",
-            columns=gather.slabs(
+            columns=gather.grainfall_slabs(
                 f"{TWIN}/slabs/network_columns_{{scatteritem}}.npz", allow_missing=True
             ),
         output:
@@ -104,7 +104,7 @@ if SLABS > 1:
     use rule network_slab_distances as reference_network_slab_distances with:
         input:
             volume=f"{SAMPLE}/reference.zarr.zip",
-            columns=gather.slabs(
+            columns=gather.grainfall_slabs(
                 f"{SAMPLE}/reference_network_columns_{{scatteritem}}.npz",
                 allow_missing=True,
             ),
@@ -154,13 +154,13 @@ if SLABS > 1:
 
     rule network_pores:
         input:
-            graphs=gather.slabs(
+            graphs=gather.grainfall_slabs(
                 f"{TWIN}/slabs/network_basins_graph_{{scatteritem}}.npz",
                 allow_missing=True,
             ),
         output:
             pores=temp(
-                scatter.slabs(
+                scatter.grainfall_slabs(
                     f"{TWIN}/slabs/network_pores_{{scatteritem}}.npz",
                     allow_missing=True,
                 )
@@ -182,13 +182,13 @@ if SLABS > 1:
 
     use rule network_pores as reference_network_pores with:
         input:
-            graphs=gather.slabs(
+            graphs=gather.grainfall_slabs(
                 f"{SAMPLE}/reference_network_basins_graph_{{scatteritem}}.npz",
                 allow_missing=True,
             ),
         output:
             pores=temp(
-                scatter.slabs(
+                scatter.grainfall_slabs(
                     f"{SAMPLE}/reference_network_pores_{{scatteritem}}.npz",
                     allow_missing=True,
                 )
@@ -237,13 +237,13 @@ if SLABS > 1:
 
     rule network_throats:
         input:
-            graphs=gather.slabs(
+            graphs=gather.grainfall_slabs(
                 f"{TWIN}/slabs/network_parts_graph_{{scatteritem}}.npz",
                 allow_missing=True,
             ),
         output:
             asked=temp(
-                scatter.slabs(
+                scatter.grainfall_slabs(
                     f"{TWIN}/slabs/network_throats_{{scatteritem}}.npz",
                     allow_missing=True,
                 )
@@ -265,13 +265,13 @@ if SLABS > 1:
 
     use rule network_throats as reference_network_throats with:
         input:
-            graphs=gather.slabs(
+            graphs=gather.grainfall_slabs(
                 f"{SAMPLE}/reference_network_parts_graph_{{scatteritem}}.npz",
                 allow_missing=True,
             ),
         output:
             asked=temp(
-                scatter.slabs(
+                scatter.grainfall_slabs(
                     f"{SAMPLE}/reference_network_throats_{{scatteritem}}.npz",
                     allow_missing=True,
                 )
@@ -321,7 +321,7 @@ if SLABS > 1:
         input:
             volume=f"{TWIN}/twin.zarr.zip",
             known=f"{TWIN}/slabs/network_throats.npz",
-            measured=gather.slabs(
+            measured=gather.grainfall_slabs(
                 f"{TWIN}/slabs/network_measures_{{scatteritem}}.npz",
                 allow_missing=True,
             ),
@@ -350,7 +350,7 @@ if SLABS > 1:
         input:
             volume=f"{SAMPLE}/reference.zarr.zip",
             known=f"{SAMPLE}/reference_network_throats.npz",
-            measured=gather.slabs(
+            measured=gather.grainfall_slabs(
                 f"{SAMPLE}/reference_network_measures_{{scatteritem}}.npz",
                 allow_missing=True,
             ),

@@ -8,7 +8,7 @@ TWIN_JOBS = [
     "twin",
     "measure_slices",
     "s2_slices",
-    *gather.slices("s2_slices_{scatteritem}"),
+    *gather.grainfall_slices("s2_slices_{scatteritem}"),
     "s2_volume",
     "network",
     "flow",
@@ -17,18 +17,18 @@ TWIN_JOBS = [
 if SLABS > 1:
     TWIN_JOBS += [
         "twin_joined",
-        *gather.slabs("first_volume_{scatteritem}"),
-        *gather.slabs("twin_{scatteritem}"),
-        *gather.slabs("s2_volume_{scatteritem}"),
+        *gather.grainfall_slabs("first_volume_{scatteritem}"),
+        *gather.grainfall_slabs("twin_{scatteritem}"),
+        *gather.grainfall_slabs("s2_volume_{scatteritem}"),
     ]
 NETWORK_JOBS = [
     "network_pores",
     "network_throats",
-    *gather.slabs("network_columns_{scatteritem}"),
-    *gather.slabs("network_distances_{scatteritem}"),
-    *gather.slabs("network_basins_{scatteritem}"),
-    *gather.slabs("network_parts_{scatteritem}"),
-    *gather.slabs("network_measures_{scatteritem}"),
+    *gather.grainfall_slabs("network_columns_{scatteritem}"),
+    *gather.grainfall_slabs("network_distances_{scatteritem}"),
+    *gather.grainfall_slabs("network_basins_{scatteritem}"),
+    *gather.grainfall_slabs("network_parts_{scatteritem}"),
+    *gather.grainfall_slabs("network_measures_{scatteritem}"),
 ]
 FIGURES = [
     "block",

@@ -105,7 +105,7 @@ if SLABS > 1:
     rule packed_volume_joined:
         input:
             bodies=f"{TWIN}/{{packing}}/bodies.csv",
-            slabs=gather.slabs(
+            slabs=gather.grainfall_slabs(
                 f"{TWIN}/{{packing}}/slabs/{{scatteritem}}.zarr.zip",
                 allow_missing=True,
             ),
@@ -130,7 +130,7 @@ if SLABS > 1:
             bodies=f"{TWIN}/bodies.csv",
             slabs=[
                 f"{TWIN}/slabs/cemented.zarr.zip",
-                *gather.slabs(
+                *gather.grainfall_slabs(
                     f"{TWIN}/slabs/{{scatteritem}}.zarr.zip", allow_missing=True
                 ),
             ],

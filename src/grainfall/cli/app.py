@@ -107,6 +107,7 @@ def run(
 ) -> None:
     """Run a study, or resume where it stopped."""
     from grainfall.cli import study as studies
+    from grainfall.cli.doctor import memory_limit
 
     if cores != "all" and not (cores.isdigit() and int(cores) > 0):
         raise InputError("--cores", f"'{cores}' is no number of cores", "a positive number, or all")
@@ -116,7 +117,9 @@ def run(
     if dry_run:
         say(_jobs(studies.jobs_left(opened)))
         return
-    command = studies.snakemake(opened, *(["--unlock"] if unlock else ["--cores", cores]))
+    # Jobs wait for one another where together they would need more than there is.
+    at_once = ["--cores", cores, "--resources", f"mem_mb={round(0.9 * memory_limit() / 2**20)}"]
+    command = studies.snakemake(opened, *(["--unlock"] if unlock else at_once))
     with Progress(
         TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), console=out,
         disable=not out.is_terminal or verbose or unlock,

@@ -122,13 +122,17 @@ def _engine(name: str) -> Finding:
     return Finding(f"engine {name}", found, done.returncode == 0)
 
 
-def _memory() -> Finding:
-    memory = psutil.virtual_memory()
-    limits = [memory.total]
+def memory_limit() -> int:
+    """Bytes that this process may use: the machine's, or what its container is given of them."""
+    limits = [psutil.virtual_memory().total]
     for file in ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"):
         text = Path(file).read_text().strip() if Path(file).is_file() else ""
         limits += [int(text)] if text.isdigit() else []
-    total, free = min(limits) / 2**30, memory.available / 2**30
+    return min(limits)
+
+
+def _memory() -> Finding:
+    total, free = memory_limit() / 2**30, psutil.virtual_memory().available / 2**30
     needed = Costs.measured().table["peak_rss_mb"].max() / 1024
     words = f"{total:.1f} GB, {free:.1f} GB of it free; the largest job measured took {needed:.1f} GB"
     return Finding("memory", words, total > needed)

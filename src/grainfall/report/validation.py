@@ -89,6 +89,8 @@ class Quantity:
     unit: str = "1"
     signed: bool = False
     """Whether it may be negative; the interval of what cannot be ends at 0."""
+    share: bool = False
+    """Whether it is one; its interval ends at 1."""
 
 
 QUANTITIES: dict[str, Quantity] = {
@@ -118,7 +120,7 @@ QUANTITIES: dict[str, Quantity] = {
     "k_z_over_xy": Quantity("permeability along z, the way the grains fell, over that along x and y"),
     "formation_factor": Quantity("formation factor, mean of three axes"),
     "f_ratio": Quantity("formation factor over the truth's"),
-    "k_of_full": Quantity("permeability over that of the full method, same numbers drawn"),
+    "k_of_full": Quantity("permeability over that of the full method, the same numbers drawn for both"),
     "k_over_r2": Quantity("permeability over the squared mean grain radius", "mD/µm²"),
     "k_over_r2_ratio": Quantity("the same over the truth's"),
     "k_over_rs2_ratio": Quantity(
@@ -152,23 +154,25 @@ QUANTITIES: dict[str, Quantity] = {
         "cubes to the others"
     ),
     "s2_envelope_p": Quantity(
-        "envelope test of the section's S₂ among slices, p (least, largest); section: of its truth"
+        "envelope test of the section's S₂ among slices, p (median of sections; least and largest); "
+        "section: of its truth"
     ),
     "s2_windows_rejected": Quantity(
         "envelope test of every window of the section, share told from slices; truth: from slices of the "
-        "truth, or where they are alike"
+        "truth, or where they are alike",
+        share=True,
     ),
     "s2_windows_excess": Quantity("the same, less the share told from slices of the truth", signed=True),
-    "lost_support": Quantity("grains that lost support with the virtual spheres, share of all"),
+    "lost_support": Quantity("grains that lost support with the virtual spheres, share of all", share=True),
     "resettled_porosity": Quantity(
         "change of the bed's porosity where it settles anew under gravity without its spheres", signed=True
     ),
     "resettled_s2": Quantity("S₂ in 3D, largest change by that"),
-    "resettled_moved": Quantity("grains that it moves by more than 0.1 radii, share of all"),
+    "resettled_moved": Quantity("grains that it moves by more than 0.1 radii, share of all", share=True),
     "cpu_s": Quantity("CPU time of a twin, all its jobs", "s"),
     "first_packing_cpu_s": Quantity("CPU time of its first packing", "s"),
     "second_packing_cpu_s": Quantity("CPU time of its second packing", "s"),
-    "phantom": Quantity("phantom pores: solid taken for pore, share of the solid"),
+    "phantom": Quantity("phantom pores: solid taken for pore, share of the solid", share=True),
 }
 QUANTITIES |= {
     f"{name}_nearer": Quantity(
@@ -269,8 +273,8 @@ def _paired(case: str, sample: str, twins: Sequence) -> list[tuple]:
 
 
 def _nearer(case: str, sample: str, twins: Sequence) -> list[tuple]:
-    """By how much nearer to the truth the mean of the full method's twins is than that of another variant,
-    over the realizations that both have."""
+    """By how much nearer to the truth a twin of the full method is than one of another variant: means of
+    their distances over the realizations that both have. A mean of twins would be nearer than any of them."""
     found = {(variant, n): figures for variant, n, figures in twins}
     full = {n: figures for (variant, n), figures in found.items() if variant == "full" and n >= 0}
     rows = []
@@ -282,7 +286,8 @@ def _nearer(case: str, sample: str, twins: Sequence) -> list[tuple]:
             values = np.array(values, float).reshape(-1, 2)
             values = values[~np.isnan(values).any(axis=1)]
             if len(values):
-                own, others = np.abs(values.mean(axis=0) - (1.0 if quantity.endswith("_ratio") else 0.0))
+                aim = 1.0 if quantity.endswith("_ratio") else 0.0
+                own, others = np.abs(values - aim).mean(axis=0)
                 rows.append((case, sample, other, -1, f"{quantity}_nearer", others - own, 0.0))
     return rows
 
@@ -597,11 +602,12 @@ def _of_sweep(root: Path) -> list[tuple]:
     for path in sorted((root / "cv_sweep").glob("*/*.csv")):
         table = io.read_table(path).set_index("variant")
         cv, n = f"{table['cv'].iloc[0]:g}", int(table["truth"].iloc[0])
-        true = table.loc["truth"]
+        true, k_full = table.loc["truth"], table["k_md"].get("full")
         for variant, row in table.drop("truth").iterrows():
             values = {
                 "r_mean_ratio": row["r_um"] / true["r_um"],
                 "k_ratio": _over(row["k_md"], true["k_md"]),
+                "k_of_full": _over(row["k_md"], k_full) if variant != "full" else None,
                 **{
                     name: _over(row["k_md"] / row[r] ** 2, true["k_md"] / true[r] ** 2)
                     for name, r in (("k_over_r2_ratio", "r_um"), ("k_over_rs2_ratio", "r_sauter_um"))
@@ -641,7 +647,7 @@ def aggregate(figures: pd.DataFrame) -> pd.DataFrame:
     Where there are several sections they are what was drawn independently: twins of one section are averaged
     first and the t-interval is over sections. With a single one it is over its twins, and says nothing of
     others. Sections of one volume share its truth, which counts once. The largest distance from a target is
-    the largest, not a mean; of p-values the bounds are the least and the largest.
+    the largest, not a mean; of p-values it is their median, the bounds the least and the largest.
 
     Parameters
     ----------
@@ -664,9 +670,10 @@ def aggregate(figures: pd.DataFrame) -> pd.DataFrame:
         if quantity == "porosity_miss":
             mean, lower, upper = group["value"].max(), math.nan, math.nan
         elif quantity == "s2_envelope_p":  # one test for all twins of a section
-            lower, upper = (by_section["value"].agg(["min", "max"])) if sections > 1 else (math.nan, math.nan)
-        elif not known.signed:
-            lower = lower if math.isnan(lower) else max(lower, 0.0)
+            mean, lower, upper = by_section["value"].agg(["median", "min", "max"])
+            lower, upper = (lower, upper) if sections > 1 else (math.nan, math.nan)
+        elif not known.signed and not math.isnan(lower):
+            lower, upper = max(lower, 0.0), min(upper, 1.0) if known.share else upper
         paper = PAPER.get((case, variant, quantity.partition("@")[0]))
         truth = by_section["truth"].mean()
         rows.append((case, variant, quantity, known.unit, paper, truth, mean, lower, upper, n, sections))
