@@ -636,6 +636,18 @@ def test_rims_count_for_the_mineral_they_grew_on():
     assert (found["phase_fraction_1"], found["phase_fraction_2"]) == pytest.approx((1 / 3, 2 / 3))
 
 
+def test_shares_of_a_twin_are_as_uncertain_as_the_twin_is():
+    """Slabs of one mineral each: a twin of four such grains says little of the shares."""
+    section = np.tile(np.array([[1, 2], [2, 1]], np.uint8), (20, 20))
+    twin = np.repeat(np.array([1, 2, 1, 1], np.uint8), 100).reshape(4, 10, 10)
+    found = phase_values(twin, section)
+    assert found["phase_fraction_1"] == 0.75
+    share, low, high = found["phase_fraction_1_target"]
+    # residuals of the slabs about 3/4, of 100 voxels each: 4/3 (3 * 25^2 + 75^2), over 400
+    assert (share, high - share) == pytest.approx((0.5, 2 * np.sqrt(4 / 3 * (3 * 25**2 + 75**2)) / 400))
+    assert low < 0.75 < high
+
+
 def words(values):
     return {j.metric: (j.status, j.words) for j in judge(metrics_table(values))}
 
@@ -675,7 +687,11 @@ def test_what_the_section_leaves_open_is_said():
     ("windows", "said"),
     [
         (1, "(envelope test, p = 0.03)"),
-        (9, "p = 0.03; of all its windows 11% are rejected, where 5% would be by chance)"),
+        (
+            9,
+            "p = 0.03; of all its windows 11% are rejected, where 5% would be by chance, or more by slices of few "
+            "twins)",
+        ),
     ],
 )
 def test_one_windows_p_is_said_beside_all_windows(windows, said):

@@ -229,7 +229,7 @@ def packing_values(
     phase : ndarray of uint8, (z, y, x)
         The twin; an open volume file will do.
     """
-    counts = voxel_counts(phase)
+    counts = plane_counts(phase).sum(axis=0)
     before, after = correction["before"], correction["after"]
     return {
         "porosity": float(counts[0] / phase.size),
@@ -393,14 +393,14 @@ def flow_values(
     return found
 
 
-def voxel_counts(
+def plane_counts(
     phase: np.ndarray,
     slab: int = 128,
     *,
     body: np.ndarray | None = None,
     shown: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
 ) -> np.ndarray:
-    """Voxels of each phase of a volume.
+    """Voxels of each phase in each plane of a volume.
 
     Parameters
     ----------
@@ -415,14 +415,16 @@ def voxel_counts(
 
     Returns
     -------
-    (256,) ndarray of int
+    (z, 256) ndarray of int
     """
-    counts = np.zeros(256, np.int64)
+    counts = np.zeros((len(phase), 256), np.int64)
     for z in range(0, len(phase), slab):
         part = phase[z : z + slab]
         # counting makes integers of eight bytes of what it counts
-        for plane in part if shown is None else shown(part, body[z : z + slab]):
-            counts += np.bincount(plane.ravel(), minlength=256)
+        for plane, own in zip(
+            part if shown is None else shown(part, body[z : z + slab]), counts[z:], strict=False
+        ):
+            own += np.bincount(plane.ravel(), minlength=256)
     return counts
 
 
@@ -431,8 +433,9 @@ def phase_values(
 ) -> dict[str, object]:
     """Share of each mineral in the solid of the twin, with the section's share ± 2 standard errors as target.
 
-    The standard error comes from ``blocks`` × ``blocks`` tiles of the section, whose spread holds the spatial
-    correlation that counting pixels would ignore.
+    The standard error is that of both: it comes from ``blocks`` × ``blocks`` tiles of the section and
+    ``blocks`` slabs of the twin, whose spread holds the spatial correlation that counting pixels would
+    ignore.
 
     Parameters
     ----------
@@ -441,20 +444,24 @@ def phase_values(
     section_phase : ndarray of uint8, (y, x)
     blocks : int
     **shown
-        As :func:`voxel_counts` takes them: a section shows rims as the mineral that they grew on.
+        As :func:`plane_counts` takes them: a section shows rims as the mineral that they grew on.
     """
     minerals = range(1, int(section_phase.max()) + 1)
     if len(minerals) < 2:
         return {}
     found: dict[str, object] = {}
-    twin = voxel_counts(twin_phase, **shown)
+    planes = plane_counts(twin_phase, **shown)
+    slabs = np.array([part.sum(axis=0) for part in np.array_split(planes, min(blocks, len(planes)))], float)
+    twin_solid = slabs[:, 1 : minerals.stop].sum(axis=1)
     tiles = [t for rows in np.array_split(section_phase, blocks, 0) for t in np.array_split(rows, blocks, 1)]
     counts = np.array([np.bincount(t.ravel(), minlength=256)[: minerals.stop] for t in tiles], float)
     solid = counts[:, 1:].sum(1)
     for i in minerals:
+        own, own_error = ratio_of_sums(slabs[:, i], twin_solid)
         share, error = ratio_of_sums(counts[:, i], solid)
-        found[f"phase_fraction_{i}"] = twin[i] / twin[1 : minerals.stop].sum()
-        found[f"phase_fraction_{i}_target"] = (share, share - 2 * error, share + 2 * error)
+        both = 2 * float(np.hypot(error, own_error))
+        found[f"phase_fraction_{i}"] = own
+        found[f"phase_fraction_{i}_target"] = (share, share - both, share + both)
     return found
 
 

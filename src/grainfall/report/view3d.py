@@ -13,7 +13,7 @@ import skimage  # its parts load when they are first used
 
 from grainfall.io import CHUNK, Volume
 from grainfall.report.figures import PORE_CIRCLE, mineral_colour
-from grainfall.report.metrics import voxel_counts
+from grainfall.report.metrics import plane_counts
 
 TRIANGLES = 160_000
 """Most triangles of one view; the grid is coarsened until they fit."""
@@ -48,7 +48,7 @@ def view_data(
     dict
         ``traces`` (plotly), ``groups`` (trace group → name on its button), ``layout``; JSON throughout.
     """
-    minerals = [int(i) for i in np.flatnonzero(voxel_counts(phase)) if i]
+    minerals = [int(i) for i in np.flatnonzero(plane_counts(phase).sum(axis=0)) if i]
     while True:
         factor = max(1, -(-max(phase.shape) // edge))
         meshes = [(i, *_surface(share)) for i, share in _shares(phase, minerals, factor).items()]

@@ -24,7 +24,8 @@ class SizeDistribution:
     f2d, f3d : (n,) ndarray
         Number densities of section radii and of particle radii, per micrometre; each integrates to 1.
     lower, upper : (n,) ndarray
-        Pointwise 95 % bootstrap band of ``f3d``; NaN where no bootstrap was asked for.
+        Pointwise range of 95 % of bootstrap refits about ``f3d``: how much it scatters, not how far it is
+        off; NaN where no bootstrap was asked for.
     method : str
         How ``f3d`` was found.
     regularisation : float

@@ -50,7 +50,7 @@ def unfold(
         meshes of grains, :func:`grainfall.volume.void_circles` from those of voids. Heeded by ``adaptive``
         only; the others take all for spheres.
     bootstrap : int
-        Resamples of the sections behind the 95 % band. ``adaptive`` weighs its numbers of components anew for
+        Resamples of the sections behind the band. ``adaptive`` weighs its numbers of components anew for
         each of them, the other methods hold their regularisation.
     rng : numpy.random.Generator, optional
         Draws the resamples. Without it there is no band: ``lower`` and ``upper`` are NaN.
