@@ -14,7 +14,7 @@ BEREA ?= $(wildcard ../shared/data/berea/berea_400_pore1.tif)
 export BEREA
 CASES := stereology virtual_spheres virtual_spheres_deep berea xct cv_sweep
 
-.PHONY: setup demo test lint format docs cases validation sweep accuracy accuracy-presets thin-section engines consolidated report bench-costs bench-stereology bench-segmentation bench-engines bench-creep bench-packing bench-decomposition bench-structure bench-overhead bench-needs bench-network bench-permeability paper-scale hard-cases faults verify clean
+.PHONY: setup demo test lint format docs cases validation sweep accuracy accuracy-presets thin-section engines consolidated ketton report bench-costs bench-stereology bench-segmentation bench-engines bench-creep bench-packing bench-decomposition bench-structure bench-overhead bench-needs bench-network bench-permeability paper-scale hard-cases faults verify clean
 
 demo: $(VENV)/.ready  ## the embedded demo, to results/summary.csv and results/report.html
 	$(SNAKEMAKE)
@@ -72,6 +72,9 @@ verify: $(VENV)/.ready  ## is everything behind the results still as it was? Say
 
 consolidated: $(VENV)/.ready  ## a rock as dense as Fontainebleau sandstone: five truths, one twin of each
 	$(SNAKEMAKE) --configfile config/cases/consolidated.yaml
+
+ketton: $(VENV)/.ready  ## a real limestone, one twin of each of three slices; your own copy: make ketton KETTON=path/to/ketton.tif
+	$(SNAKEMAKE) --configfile config/cases/ketton.yaml $(if $(KETTON),--config "data={\"ketton\": {\"source\": \"$(KETTON)\"}}")
 
 engines: $(VENV)/.ready  ## PhysX and Bullet side by side, five paired realizations
 	$(SNAKEMAKE) --configfile config/cases/engines.yaml
