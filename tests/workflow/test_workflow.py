@@ -2,6 +2,7 @@
 
 import copy
 import json
+import platform
 import re
 import shutil
 import subprocess
@@ -306,6 +307,18 @@ def test_what_is_deleted_is_made_again(finished, tmp_path, gone, again):
     gone = folder / "results" / gone
     shutil.rmtree(gone) if gone.is_dir() else gone.unlink()
     assert planned(folder).get(again) == 1
+
+
+@pytest.mark.parametrize(("name", "stays"), [(platform.node(), False), ("", True), ("another", True)])
+def test_only_the_locks_of_a_run_that_was_killed_here_are_cleared(finished, tmp_path, name, stays):
+    """A run leaves its machine's name until it ends: without it a lock is somebody else's, who is at work."""
+    folder = shutil.copytree(finished, tmp_path / "copy")
+    lock = folder / ".snakemake/locks/0.output.lock"
+    lock.parent.mkdir(exist_ok=True)
+    lock.write_text("results/other.csv\n")
+    (folder / ".snakemake/grainfall.lock").write_text(name)
+    planned(folder)
+    assert lock.exists() == stays
 
 
 def test_a_copy_that_looks_new_is_done(finished, tmp_path):
