@@ -369,7 +369,7 @@ def _denser_between(
         exceeds,
         f"between voids the packing with its virtual spheres is {rough['between']:.3f} porous, which "
         f"{'exceeds' if exceeds else 'does not exceed'} the section's {held['porosity']:.3f}{before} beyond "
-        "sampling",
+        "the section's sampling",
         possible=rough["between"] > held["wanted"],
     )
     if not dense["on"]:
