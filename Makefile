@@ -11,7 +11,7 @@ SNAKEMAKE := $(BIN)/snakemake --profile workflow/profiles/local --cores $(CORES)
 # A path comes to the shell as a variable of its own, so that nothing in its name is run.
 override export IMAGE := $(value IMAGE)
 BEREA ?= $(wildcard ../shared/data/berea/berea_400_pore1.tif)
-export BEREA
+export BEREA KETTON
 CASES := stereology virtual_spheres virtual_spheres_deep berea xct cv_sweep
 
 .PHONY: setup demo test lint format docs cases validation sweep accuracy accuracy-presets thin-section engines consolidated ketton report bench-costs bench-stereology bench-segmentation bench-engines bench-creep bench-packing bench-decomposition bench-structure bench-overhead bench-needs bench-network bench-permeability paper-scale hard-cases faults verify clean
@@ -74,7 +74,7 @@ consolidated: $(VENV)/.ready  ## a rock as dense as Fontainebleau sandstone: fiv
 	$(SNAKEMAKE) --configfile config/cases/consolidated.yaml
 
 ketton: $(VENV)/.ready  ## a real limestone, one twin of each of three slices; your own copy: make ketton KETTON=path/to/ketton.tif
-	$(SNAKEMAKE) --configfile config/cases/ketton.yaml $(if $(KETTON),--config "data={\"ketton\": {\"source\": \"$(KETTON)\"}}")
+	$(SNAKEMAKE) --configfile config/cases/ketton.yaml $(if $(KETTON),--config "data={\"ketton\": {\"source\": \"$$KETTON\"}}")
 
 engines: $(VENV)/.ready  ## PhysX and Bullet side by side, five paired realizations
 	$(SNAKEMAKE) --configfile config/cases/engines.yaml
@@ -136,7 +136,7 @@ bench-network: $(VENV)/.ready  ## time, memory and topology of network extractio
 
 bench-permeability: $(VENV)/.ready  ## K against published values; of your own rock: make bench-permeability VOLUME=rock.tif VOXEL=2.5
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/benchmarks/permeability.py --out results/benchmarks/permeability.csv \
-		$(if $(VOLUME),--samples --volume "$(VOLUME)" $(if $(VOXEL),--voxel $(VOXEL)) $(if $(PORE),--pore $(PORE)))
+		$(if $(VOLUME),--samples --volume "$(VOLUME)" $(if $(VOXEL),--voxel $(VOXEL)) $(if $(PORE),--pore $(PORE)) $(if $(EDGE),--edge $(EDGE)))
 
 paper-scale: $(VENV)/.ready  ## 1000^3 voxels from section to report, and smaller ones; some: make paper-scale EDGES="125 250"
 	$(BIN)/python tests/benchmarks/paper_scale.py $(if $(EDGES),--edges $(EDGES)) $(if $(filter-out all,$(CORES)),--cores $(CORES))

@@ -58,7 +58,7 @@ def results_folder(snakemake) -> str:
         raise InputError(
             snakemake.rule,
             "results are on storage elsewhere",
-            "a copy of them in results/ here, and a run without the storage provider",
+            "copy them to results/ here, and run without the storage provider",
         )
     return "results"
 

@@ -169,6 +169,7 @@ def twins(paths: list[Path], edge: int) -> Iterator[tuple[str, np.ndarray, float
 def cubes(path: Path, pore: int, voxel_um: float, edge: int) -> Iterator[tuple[str, np.ndarray, float]]:
     """A volume in cubes: name, pore space, edge of a voxel in um."""
     rock, _ = read_reference(path, voxel_um, pore_value=pore)
+    edge = min(edge, *rock.shape)
     for n, start in enumerate(np.ndindex(*(length // edge for length in rock.shape))):
         part = tuple(slice(edge * i, edge * (i + 1)) for i in start)
         yield f"volume_{path.stem}_{n}", rock[part] == 0, voxel_um

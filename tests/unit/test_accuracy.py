@@ -362,6 +362,10 @@ class TestChance:
         rows = accuracy.summarise(repeats({"setting": [0.2, 0.2]}, {"setting": 1}).assign(metric="s2"))
         assert accuracy.beyond_chance(rows, rows[:0]).item()
 
+    def test_where_nothing_but_chance_is_measured_yet_nothing_is_told(self):
+        rows = accuracy.summarise(repeats({"again": [0.2, 0.1, 0.3]}, {"again": 1}).assign(metric="s2"))
+        assert accuracy.beyond_chance(rows[:0], rows).empty
+
     def test_a_single_repeat_tells_nothing_and_is_shown(self):
         assert self.told([0.2], "k", [0.1])
 

@@ -689,8 +689,7 @@ def test_what_the_section_leaves_open_is_said():
         (1, "(envelope test, p = 0.03)"),
         (
             9,
-            "p = 0.03; of all its windows 11% are rejected, where 5% would be by chance, or more by "
-            "slices of few twins)",
+            "p = 0.03; of all its windows 11% are rejected, where some 5% would be by chance)",
         ),
     ],
 )

@@ -230,6 +230,14 @@ def test_one_slice_of_berea_is_judged_by_one_more_not_by_their_mean(half, status
     assert next(c for c in claims(aggregate(own)) if c.case == "berea").status == status
 
 
+@pytest.mark.parametrize(("values", "status"), [([1.02], OPEN), ([1.3, 1.3, 1.3], NOT_SHOWN)])
+def test_one_slice_of_berea_and_slices_that_agree(values, status):
+    own = figures({f"slice_{n}": [value] for n, value in enumerate(values)}, "berea")
+    found = next(c for c in claims(aggregate(own)) if c.case == "berea")
+    assert found.status == status
+    assert ("one more slice" in found.ours) == (len(values) > 1)
+
+
 def test_many_slices_that_all_miss_do_not_make_one_that_holds():
     """Their mean is 1 to 3 %, and each is off by a quarter."""
     own = figures({f"slice_{n}": [0.75 + n % 2 / 2] for n in range(50)}, "berea")

@@ -1,13 +1,15 @@
 """Results on storage elsewhere, by Snakemake's own providers: the same bytes, none in the working folder."""
 
 import shutil
+import subprocess
+import sys
 
 import boto3
 import numpy as np
 import pytest
 from moto.server import ThreadedMotoServer
 
-from conftest import TINY, snakemake, write_config
+from conftest import ROOT, TINY, snakemake, write_config
 
 pytestmark = pytest.mark.xdist_group("storage")
 
@@ -71,3 +73,22 @@ def test_what_is_made_of_a_whole_folder_is_left_out(tmp_path, store):
     assert "rule summary:" in done.stdout
     assert "report_page" not in done.stdout
     assert "provenance:" not in done.stdout.replace("twin_provenance:", "")
+
+
+def test_a_page_of_results_elsewhere_is_refused():
+    """Asked for by name, too."""
+    asked = """
+import sys; sys.path.insert(0, sys.argv[1])
+from types import SimpleNamespace
+from _stage import results_folder
+print(results_folder(SimpleNamespace(rule="report_page", output=[sys.argv[2]])))
+"""
+
+    def said(path):
+        command = [sys.executable, "-c", asked, ROOT / "scripts", path]
+        done = subprocess.run(command, capture_output=True, text=True)
+        return (done.stdout + done.stderr).strip().splitlines()[-1]
+
+    assert said("results/report.html") == "results"
+    refused = said(".snakemake/storage/s3/twins/results/report.html")
+    assert "report_page: results are on storage elsewhere; copy them to results/ here" in refused

@@ -6,6 +6,7 @@ import platform
 import re
 import shutil
 import subprocess
+import sys
 import time
 from datetime import date
 
@@ -53,6 +54,22 @@ AFTER_PACKING = {
 
 def twin(folder, realization=0):
     return folder / "results/tiny/full" / str(realization)
+
+
+def real_snakemake(folder, *arguments):
+    """Snakemake as a process of its own, which ends as a user's does."""
+    command = [
+        sys.executable,
+        "-m",
+        "snakemake",
+        "--snakefile",
+        ROOT / "Snakefile",
+        "--cores",
+        "1",
+        *arguments,
+    ]
+    said = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    return subprocess.run([*command, "--configfile", "config.yaml"], cwd=folder, timeout=300, **said)
 
 
 def another_house(folder, *left_out):
@@ -317,8 +334,10 @@ def test_only_the_locks_of_a_run_that_was_killed_here_are_cleared(finished, tmp_
     lock.parent.mkdir(exist_ok=True)
     lock.write_text("results/other.csv\n")
     (folder / ".snakemake/grainfall.lock").write_text(name)
-    planned(folder)
+    done = real_snakemake(folder, "--dry-run")
+    assert done.returncode == 0, done.stdout
     assert lock.exists() == stays
+    assert not (folder / ".snakemake/grainfall.lock").read_text()
 
 
 def test_a_copy_that_looks_new_is_done(finished, tmp_path):

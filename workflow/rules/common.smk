@@ -40,10 +40,10 @@ import grimp
 def sole_run():
     """Clear the locks of a killed run.
 
-    Snakemake's lock outlives a kill; a lock on an open file does not. Every run holds a share in one, and leaves its
-    machine's name there until it ends. Who can have it whole is alone on this machine: a name that is there is that of
-    a killed run, and if that was here, whatever locks there are belong to nobody. Jobs on a cluster outlive the run
-    that sent them: those that were killed have to be unlocked by hand.
+    Snakemake's lock outlives a kill; a lock on an open file does not. Every run holds a share in one, and who is alone
+    when it starts leaves its machine's name there until it ends. Who can have it whole is alone on this machine: a name
+    that is there is that of a killed run, and if that was here, whatever locks there are belong to nobody. Jobs on a
+    cluster outlive the run that sent them, which leaves no name: it has to be unlocked by hand.
     """
     folder = Path(".snakemake")
     try:
@@ -143,7 +143,8 @@ def own_name(rulename):
 
 def is_own(step):
     """Whether a rule is of this workflow, not of one that has it as a module."""
-    return Path(str(step.snakefile)).is_relative_to(HOUSE)
+    path = Path(str(step.snakefile))
+    return path == HOUSE / "Snakefile" or path.is_relative_to(HOUSE / "workflow")
 
 
 # Pages, figures and records are made of all that is in a folder, more than a rule's input can name.
@@ -379,6 +380,9 @@ def runtime(otherwise):
         if known is None or rulename.endswith("_on_voxels"):
             return max(known.runtime_min if known else 0, otherwise) * attempt
         minutes = known.runtime_min
+        if minutes == needs.SHORTEST_MIN:
+            # over in no time: a group of such jobs would ask for the sum of what costs one of them nothing
+            minutes = min(minutes, otherwise)
         if has_rims(rulename, wildcards):
             minutes += round(needs.SLOWER * RIMS_S * size["Mvoxel"] / 60)
         return minutes * attempt

@@ -38,7 +38,7 @@ rule s2_slices:
         ENVS["analysis"]
     resources:
         mem_mb=memory(1000),
-        runtime=runtime(5),
+        runtime=runtime(1),
     params:
         science=science("correlation"),
     script:

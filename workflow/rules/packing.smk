@@ -16,7 +16,7 @@ rule scene:
         ENVS["analysis"]
     resources:
         mem_mb=memory(1000),
-        runtime=runtime(5),
+        runtime=runtime(1),
     params:
         row=row("porosity"),
         settings=settings("scene", "effects.phase_mixing"),

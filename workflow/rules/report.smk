@@ -62,7 +62,7 @@ rule plan:
         ENVS["report"]
     resources:
         mem_mb=memory(1000),
-        runtime=runtime(5),
+        runtime=runtime(1),
     params:
         asked=ASKED,
         settings=settings("stereology.method", "stereology.particles"),
@@ -108,7 +108,7 @@ rule metrics:
         ENVS["analysis"]
     resources:
         mem_mb=memory(2000),
-        runtime=runtime(10),
+        runtime=runtime(2),
     params:
         stream=stream,
         settings=settings("packing.engine", "flow.methods", "network.coarsen"),
@@ -189,7 +189,7 @@ rule twin_provenance:
         ENVS["analysis"]
     resources:
         mem_mb=1000,
-        runtime=5,
+        runtime=1,
     params:
         seed=CONFIG["seed"],
         row=whole_row,
@@ -250,7 +250,7 @@ rule figure:
         ENVS["report"]
     resources:
         mem_mb=memory(3000),
-        runtime=runtime(10),
+        runtime=runtime(3),
     params:
         caption=figure_caption,
         science=science("report"),

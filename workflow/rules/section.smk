@@ -196,7 +196,7 @@ rule shared_reference:
     conda:
         ENVS["analysis"]
     shell:
-        "cp -t $(dirname {output[0]:q}) {input:q} > {log:q} 2>&1"
+        'cp -t "$(dirname {output[0]:q})" {input:q} > {log:q} 2>&1'
 
 
 rule tomogram:

@@ -162,7 +162,7 @@ def front(cost: np.ndarray, error: np.ndarray) -> np.ndarray:
 
 
 def beyond_chance(rows: pd.DataFrame, chance: pd.DataFrame) -> pd.Series:
-    """Whether a setting's error is more than chance explains, at 5 % over all the settings at once.
+    """Whether a setting's error is more than chance explains, at 5 % over all settings of one metric.
 
     Its own 95 % interval has to say so, and more: three repeats that happen to lie close together make any
     difference look certain. So how much repeats scatter is pooled, too, over the settings, by the median of
@@ -182,12 +182,13 @@ def beyond_chance(rows: pd.DataFrame, chance: pd.DataFrame) -> pd.Series:
     """
     whole = pd.concat([rows, chance])
     again = chance.nlargest(1, "error")[["error", "n"]]
+    settings = max(1, rows["error"].notna().sum())
     known, repeats = (again[of].item() if len(again) else np.nan for of in ("error", "n"))
     once = np.sqrt(1 / rows["n"]), np.sqrt(1 / rows["n"] + 1 / repeats)
     signed = (rows["bias_lower"] <= 0) & (rows["bias_upper"] >= 0)
-    signed |= rows["bias"].abs() <= _bound(whole, "bias", 0.025 / len(rows)) * once[0]
+    signed |= rows["bias"].abs() <= _bound(whole, "bias", 0.025 / settings) * once[0]
     distance = rows["lower"] <= known
-    distance |= rows["error"] - known <= _bound(whole, "error", 0.05 / len(rows)) * once[1]
+    distance |= rows["error"] - known <= _bound(whole, "error", 0.05 / settings) * once[1]
     return ~distance.where(rows["metric"].isin(DISTANCES), signed)
 
 

@@ -26,8 +26,8 @@ class Claim(NamedTuple):
     paper: str
     ours: str
     status: str
-    """holds, does not hold, open (nothing finished yet, or the interval decides neither way), or not run (the
-    case has not been begun)."""
+    """holds, does not hold, open (nothing finished yet, one section only, or the interval decides neither
+    way), or not run (the case has not been begun)."""
 
 
 def row_of(table: pd.DataFrame, case: str, variant: str, quantity: str) -> Mapping | None:
@@ -77,6 +77,8 @@ def _each_within(row: Mapping | None, aim: float, tolerance: float) -> str:
         return SHOWN
     spread = (row["upper"] - row["mean"]) * math.sqrt(row["sections"])
     spread /= scipy.stats.t.ppf(0.975, row["sections"] - 1)
+    if spread == 0:
+        return NOT_SHOWN
     edges = (np.array([-tolerance, tolerance]) + aim - row["mean"]) / spread
     return NOT_SHOWN if np.diff(scipy.stats.norm.cdf(edges)).item() < 0.5 else OPEN
 
@@ -161,7 +163,7 @@ def _stereology(table: pd.DataFrame) -> list[Claim]:
                 "Skipping the inversion lowers K by some 50 %, whatever the sizes",
                 "-48 %, one sample, called systematic",
                 f"spheres, K over the truth's without the inversion: {said}"
-                + (f"; surely above that with it at CV {', '.join(above)}" if len(above) else "")
+                + (f"; surely above K with the inversion at CV {', '.join(above)}" if len(above) else "")
                 + f"; n = {of_each} of each",
                 # one spread of sizes that surely loses less than a third speaks against it
                 NOT_SHOWN if (k["lower"] > 2 / 3).any() else SHOWN if (k["upper"] < 2 / 3).all() else OPEN,
@@ -231,7 +233,8 @@ def _spheres(table: pd.DataFrame) -> list[Claim]:
             found.append(
                 Claim(
                     case,
-                    "The matrix is stable without the spheres: settled anew it keeps its porosity (to 0.01)",
+                    "The matrix is stable without the spheres: settled anew it keeps its porosity (to 0.01 "
+                    "in the mean of sections)",
                     "a physically stable matrix" if paper else "-",
                     f"changes by {_said(change, 2)}; share of grains that move by more than 0.1 radii "
                     f"{_said(moved, 2)}; that lost their support {_said(lost, 2)}",
@@ -314,7 +317,12 @@ def _aim(row: Mapping | None) -> str:
 def _berea(table: pd.DataFrame) -> list[Claim]:
     k, ratio, equal = (row_of(table, "berea", "full", q) for q in ("k_md", "k_ratio", "k_at_equal_surface"))
     slices = [row_of(table, "berea", "section", q) for q in ("k_any_slice", "k_any_slice_surface")]
-    low, high = map(number, _further(ratio))
+    low, high = _further(ratio)
+    more = (
+        ""
+        if math.isnan(low)
+        else f"; one more slice of this volume would have {number(low)} to {number(high)}"
+    )
     return [
         Claim(
             "berea",
@@ -322,8 +330,7 @@ def _berea(table: pd.DataFrame) -> list[Claim]:
             "- (the paper's sandstone: 0.92 of its tomogram)",
             f"K over the volume's {_said(ratio)}; {_said(k, unit='mD')}; the volume by the same method "
             f"{_aim(k)}, published mean of its cubes {number(BEREA_PUBLISHED_MD)} mD; K over the volume's "
-            f"with what the slices' surfaces are off taken out {_said(equal)}; "
-            f"one more slice of this volume would have {low} to {high}",
+            f"with what the slices' surfaces are off taken out {_said(equal)}{more}",
             _each_within(ratio, 1.0, 0.1),
         ),
         Claim(

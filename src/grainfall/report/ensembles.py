@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import scipy  # its stats take half a second to load, and do so when they are first used
 
-SHARES = ("porosity", "porosity_first", "porosity_second", "rattlers")
+SHARES = ("porosity", "porosity_first", "porosity_second", "s2_inside_envelope", "s2_envelope_p", "rattlers")
 """Columns of summary.csv between 0 and 1."""
 
 
@@ -20,7 +20,8 @@ def intervals(
 ) -> pd.DataFrame:
     """Mean and 95 % interval over realizations.
 
-    Student's t; of permeabilities both are of their logarithms, carried back, since they scatter by factors.
+    Student's t; of permeabilities both are of their logarithms, carried back, since they scatter by factors
+    (not where one is 0).
     Bounds stay where the figure can lie: none is negative, shares are at most 1. Two realizations would give
     twelve times their standard error: theirs is the range of the two.
 
@@ -61,8 +62,8 @@ def paired_differences(
 ) -> pd.DataFrame:
     """Differences to the baseline variant, paired by realization (variants share their random numbers).
 
-    Of permeabilities, which scatter by factors, it is the ratio: the geometric mean, and what excludes 1. Two
-    pairs have their range, and tell nothing.
+    Of permeabilities, which scatter by factors, it is the ratio: the geometric mean, and what excludes 1 (a
+    difference where one is 0). Two pairs have their range, and tell nothing.
 
     Parameters
     ----------

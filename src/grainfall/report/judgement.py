@@ -206,7 +206,7 @@ def headline(tables: Sequence[pd.DataFrame]) -> list[str]:
         if told is not None:
             test = (
                 f"envelope test of its middle window, p = {number(p, 2)}; of all its windows {told:.0%} "
-                f"are rejected, where {level:.0%} would be by chance, or more by slices of few twins"
+                f"are rejected, where some {level:.0%} would be by chance"
             )
         said.append(f"By S₂ the section {can} be told from a slice of the twins ({test}).")
     return said
