@@ -127,8 +127,8 @@ CALLED_BEFORE, named, CALLED_AFTER = workflow.modifier.modify_rulename("*").part
 )
 if not named:
     raise WorkflowError(
-        f"module: a rule of grainfall is called {CALLED_BEFORE}, so what it needs is not known; give its name with *, "
-        "as in: use rule twin from grainfall as rock_* with:"
+        f"module: {CALLED_BEFORE} does not tell which of grainfall's rules it is, so what it needs is not known; "
+        "name it with *, use rule twin from grainfall as rock_* with"
     )
 if workflow.modifier.path_modifier.replace_prefix("results/") != "results/":
     raise WorkflowError(

@@ -195,8 +195,10 @@ rule shared_reference:
     localrule: True
     conda:
         ENVS["analysis"]
+    params:
+        folder=lambda wildcards, output: os.path.dirname(output[0]),
     shell:
-        'cp -t "$(dirname {output[0]:q})" {input:q} > {log:q} 2>&1'
+        "cp -t {params.folder:q} {input:q} > {log:q} 2>&1"
 
 
 rule tomogram:
