@@ -28,8 +28,8 @@ def global_envelope(observed: np.ndarray, curves: np.ndarray, alpha: float = 0.0
     ordered by their sorted ranks, lexicographically: the most extreme rank first, ties by how long it
     lasts. The p-value is the share of curves (the observed among them) at least as extreme as the observed.
     Its level is exact where observed and curves are exchangeable: equal windows, pixels and law, and each
-    curve of a volume of its own. Slices of one volume depend on each other: of few volumes they reject more
-    in one case and less in another, about as often on average.
+    curve of a volume of its own. Slices of one volume depend on each other, so of few volumes they reject
+    more in one case and less in another.
 
     Parameters
     ----------
