@@ -278,8 +278,17 @@ def test_section_of_the_same_medium_passes_and_of_another_fails():
     twins = [boolean_model(rng, (64, 64, 64), 6.0, 0.6) for _ in range(4)]
     same = boolean_model(rng, (64, 64, 64), 6.0, 0.6)[31]
     table, summary = c.compare_section(same, 1.0, twins, 1.0, 199, rng)
-    assert list(table) == ["lag_um", "observed", "lower", "upper", "mean"]
+    assert list(table) == ["lag_um", "observed", "lower", "upper", "mean", "section"]
     assert summary["p"] > 0.05
     assert summary["n_slices"] == 200
     finer = boolean_model(rng, (64, 64, 64), 2.0, 0.6)[31]
     assert c.compare_section(finer, 1.0, twins, 1.0, 199, rng)[1]["p"] <= 0.05
+
+
+def test_the_sections_own_curve_is_of_all_its_windows():
+    rng = np.random.default_rng(5)
+    section, twin = rng.random((32, 48)) < np.linspace(0.3, 0.9, 48), rng.random((16, 16, 16)) < 0.6
+    table, summary = c.compare_section(section, 1.0, [twin], 1.0, 40, rng)
+    assert summary["n_windows"] == 6
+    assert table["section"][0] == pytest.approx(section.mean())
+    assert table["observed"][0] == section[16:, 16:32].mean()

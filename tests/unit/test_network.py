@@ -190,6 +190,7 @@ def test_crevices_that_hold_nothing_change_no_pore_size():
     assert network.mean_pore_radius(both) == pytest.approx(17.5)
     assert network.pore_radius_quantile(both, 0.2) == 10
     assert network.pore_radius_quantile(both, 0.3) == 20
+    assert network.pore_volume_below(both, [0, 9.9, 10, 20]) == pytest.approx([0, 0, 0.25, 1], abs=1e-6)
     assert network.pore_size_distance(pores, pores) == 0
     assert network.pore_size_distance(both, pores) == pytest.approx(0, abs=1e-6)
     # all volume moves by one: so does the distance, either way

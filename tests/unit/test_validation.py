@@ -10,12 +10,13 @@ import yaml
 from matplotlib.figure import Figure
 from scipy import ndimage
 
-from grainfall import io, surface
+from grainfall import io, network, surface
 from grainfall.report import paper_figures, save_figure
 from grainfall.report.claims import NOT_RUN, NOT_SHOWN, OPEN, SHOWN, claims, row_of
 from grainfall.report.ensembles import t_interval
 from grainfall.report.figures import note_figure
 from grainfall.report.paper_figures import FIGURES, Cases
+from grainfall.report.texts import cases_in_words
 from grainfall.report.validation import (
     COLUMNS,
     PAPER,
@@ -34,7 +35,7 @@ from grainfall.report.validation import (
     slice_porosities,
     slice_surfaces,
 )
-from grainfall.report.validation_page import build_validation, cases_in_words
+from grainfall.report.validation_page import build_validation
 
 
 def figures(values, case="stereology", variant="full", quantity="k_ratio", truth=1.0):
@@ -539,11 +540,15 @@ def test_a_figure_asks_for_the_volumes_that_it_shows(tmp_path):
     assert cases.twin("berea", packings=True) is not None
 
 
-def test_large_pores_are_not_hidden_by_the_inset():
-    pores = {"pore_radius_um": np.array([10.0, 32.0, 50.0]), "pore_volume_um3": np.array([1.0, 1.0, 0.1])}
+def test_between_curves_of_pore_volume_lies_their_wasserstein_distance():
     axes = Figure().subplots()
-    paper_figures._pore_sizes(axes, [([pores], "black", "-", "rock")], inset=True)
-    density, edges, _ = axes.patches[0].get_data()
-    large = density[edges[:-1] > 30].max()
-    assert large > 0.2
-    assert large <= 0.58 * axes.get_ylim()[1]  # where the inset begins
+    one = {"pore_radius_um": np.array([50.0, 10.0, 32.0]), "pore_volume_um3": np.array([0.1, 1.0, 1.0])}
+    other = {"pore_radius_um": np.array([12.0, 30.0]), "pore_volume_um3": np.array([3.0, 1.0])}
+    paper_figures._pore_sizes(
+        axes, [([one], "black", "-", "a"), ([other], "black", "-", "b"), ([], "", "", "")]
+    )
+    (radii, below), (_, beside) = (line.get_data() for line in axes.lines)
+    assert below[0] == 0
+    assert below[-1] == beside[-1] == 1
+    distance = network.pore_size_distance(one, other)
+    assert np.trapezoid(np.abs(below - beside), radii) == pytest.approx(distance, rel=0.02)

@@ -211,7 +211,7 @@ def consolidated(finished, tmp_path_factory):
     """Beside the finished twins some of a rock that no packing is as dense as."""
     folder = shutil.copytree(finished, tmp_path_factory.mktemp("dense") / "run")
     twins = {name: f"results/tiny/{name}/0" for name in ("pressed", "cemented", "bare")}
-    wanted = [f"{twins['cemented']}/{file}" for file in ("metrics.csv", "plan.json", "figures/block.svg")]
+    wanted = [f"{twins['cemented']}/{file}" for file in ("metrics.csv", "plan.json", "figures/twin.svg")]
     wanted += [f"{twins['pressed']}/{file}" for file in ("twin.zarr.zip", "plan.json")]
     missing = [f"{twins['bare']}/{file}" for file in ("flow.csv", "plan.json")]
     for variants, files in ((COMPARED, wanted), (dense(bare={"cement": False}), missing)):

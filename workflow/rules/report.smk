@@ -31,15 +31,15 @@ NETWORK_JOBS = [
     *gather.grainfall_slabs("network_measures_{scatteritem}"),
 ]
 FIGURES = [
-    "block",
-    "section",
+    "twin",
+    "s2",
     "sizes",
+    "network",
+    "section",
     "gallery",
     "packings",
     "virtual",
     "forces",
-    "s2",
-    "network",
 ]
 
 

@@ -12,6 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from grainfall.accuracy.observe import DISTANCES
 from grainfall.accuracy.table import CHANCE, PACKING, TWIN, beyond_chance
 from grainfall.presets import METRICS
 from grainfall.report.figures import FIRST, MINERALS, PORE_CIRCLE, SECTION, TRUTH, WIDTH, styled
@@ -88,7 +89,7 @@ def accuracy_figure(table: pd.DataFrame, sweep: Mapping) -> Figure:
     against = sweep["against"]
     blocks = [
         Block(
-            f"Packing: first packings against {against}",
+            f"Packing: first packings against {against}; bars are 95 % intervals",
             _metrics(packing),
             packing,
             3,
@@ -217,9 +218,12 @@ def _names(axis, rows: pd.DataFrame) -> None:
         long, high = 3.4 * len(text), 6.5  # about, of letters of six points
         at = axis.transLimits.transform(axis.transScale.transform((row.cpu_s, row.error)))
         x, y = at[0] * width, at[1] * height
-        for dx, dy in ((3, 3), (3, -9), (3, 10), (3, -16), (-3 - long, 3), (-3 - long, -9)):
+        left = -3 - long
+        for dx, dy in ((3, 3), (3, -9), (left, 3), (left, -9), (3, 10), (3, -16), (left, 10), (left, -16)):
             box = x + dx, y + dy, x + dx + long, y + dy + high
-            if not any(box[0] < o[2] and o[0] < box[2] and box[1] < o[3] and o[1] < box[3] for o in taken):
+            if box[2] < width + 12 and not any(
+                box[0] < o[2] and o[0] < box[2] and box[1] < o[3] and o[1] < box[3] for o in taken
+            ):
                 break
         taken.append(box)
         axis.annotate(
@@ -233,7 +237,7 @@ def _packing_panel(axis, table: pd.DataFrame, metric: str) -> None:
     chance, rows = rows[rows["knob"] == CHANCE], rows[rows["knob"] != CHANCE]
     overlap = metric == "overlap"  # no difference, but how deep grains overlap: chance has no part in it
     rows = rows.assign(told=True if overlap else beyond_chance(rows, chance))
-    if not overlap:
+    if metric in DISTANCES:  # which are never 0; differences with a sign are told from none
         for error in chance["error"]:
             axis.axhline(error, color=GREY, lw=0.8, ls="--", zorder=0)
     _points(axis, rows, lambda row: (TWIN_COLOUR if row.told else GREY, "o"))
@@ -270,11 +274,11 @@ def _known_panel(axis, table: pd.DataFrame, knob: str) -> None:
     axis.set_ylim(floor, 3 * rows["error"].max())
     _plain_ticks(axis.yaxis)
     axis.set_ylabel("error", fontsize=6.5)
-    # one name for all metrics that a run gave
-    worst = (
-        rows.dropna(subset="error").sort_values("error").drop_duplicates(["setting", "cpu_s"], keep="last")
-    )
-    _names(axis, worst)
+    # one name for all metrics that a run gave, where settings differ
+    named = rows.dropna(subset="error")
+    differ = named.groupby("metric")["error"].transform("nunique") > 1
+    named = named[differ] if differ.any() else named
+    _names(axis, named.sort_values("error").drop_duplicates(["setting", "cpu_s"], keep="last"))
 
 
 def _plain_ticks(axis) -> None:

@@ -166,7 +166,8 @@ def compare_section(
     Returns
     -------
     table : DataFrame
-        lag_um, observed, lower, upper, mean.
+        lag_um, observed (the middle window), lower, upper, mean (of the slices), section (mean of its
+        windows).
     summary : dict
         p of the middle window; inside (fraction of its lags in the cloud of all slices); alpha, n_slices,
         n_volumes; window_um (y, x), pixel_size_um; n_windows of the section and windows_rejected, the
@@ -187,7 +188,12 @@ def compare_section(
     test = global_envelope(observed[0], curves, alpha)
     rejected = [global_envelope(curve, curves, alpha)["p"] <= alpha for curve in observed]
     table = pd.DataFrame(
-        {"lag_um": window.lag_um, "observed": observed[0], **{k: test[k] for k in ("lower", "upper", "mean")}}
+        {
+            "lag_um": window.lag_um,
+            "observed": observed[0],
+            **{k: test[k] for k in ("lower", "upper", "mean")},
+            "section": observed.mean(axis=0),
+        }
     )
     return table, {
         "p": test["p"],

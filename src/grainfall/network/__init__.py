@@ -18,6 +18,7 @@ from grainfall.network.elements import (
     pooled_sizes,
     pore_radius_quantile,
     pore_size_distance,
+    pore_volume_below,
     subnetwork,
     summarise,
 )
@@ -52,6 +53,7 @@ __all__ = [
     "pore_radius_quantile",
     "pore_size_distance",
     "pore_space",
+    "pore_volume_below",
     "save",
     "save_openpnm",
     "save_statoil",

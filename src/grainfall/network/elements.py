@@ -132,6 +132,23 @@ def pore_radius_quantile(sizes: Mapping[str, np.ndarray], share: float) -> float
     return float(np.quantile(radii, share, weights=volumes, method="inverted_cdf"))
 
 
+def pore_volume_below(sizes: Mapping[str, np.ndarray], radii_um: np.ndarray) -> np.ndarray:
+    """Share of the pore volume in pores up to each of these radii, of :func:`element_sizes`.
+
+    Parameters
+    ----------
+    sizes : mapping
+    radii_um : (n,) float
+
+    Returns
+    -------
+    (n,) float
+    """
+    order = np.argsort(sizes["pore_radius_um"])
+    volume = np.append(0, sizes["pore_volume_um3"][order].cumsum())
+    return volume[np.searchsorted(sizes["pore_radius_um"][order], radii_um, side="right")] / volume[-1]
+
+
 def pore_size_distance(sizes: Mapping[str, np.ndarray], reference: Mapping[str, np.ndarray]) -> float | None:
     """Wasserstein distance (um) of two networks' pore radii by pore volume.
 

@@ -42,7 +42,7 @@ def intervals(
 
     def bounded(name: str, values: np.ndarray) -> tuple[int, float, float, float]:
         n, mean, lower, upper = t_interval(values)
-        if name.startswith("k_") and values.min() > 0:
+        if scatters_by_factors(name, values):
             mean, lower, upper = np.exp(t_interval(np.log(values))[1:]).tolist()
         if n == 2:
             lower, upper = values.min(), values.max()
@@ -99,7 +99,7 @@ def paired_differences(
 
 def _difference(name: str, own: np.ndarray, other: np.ndarray) -> tuple:
     """Whether it is a ratio, n, mean, lower and upper of paired values, and whether they differ."""
-    ratio = name.startswith("k_") and min(own.min(), other.min()) > 0
+    ratio = scatters_by_factors(name, np.concatenate([own, other]))
     change = np.log(own / other) if ratio else own - other
     n, mean, lower, upper = t_interval(change)
     differs = None if n < 3 else bool(lower > 0 or upper < 0)
@@ -107,6 +107,16 @@ def _difference(name: str, own: np.ndarray, other: np.ndarray) -> tuple:
         lower, upper = change.min(), change.max()
     found = np.array([mean, lower, upper])
     return ratio, n, *(np.exp(found) if ratio else found).tolist(), differs
+
+
+def scatters_by_factors(name: str, values: np.ndarray) -> bool:
+    """Whether a figure is to be averaged as its logarithm: a permeability, but where one is 0."""
+    return re.fullmatch("k_.*_md", name) is not None and values.min() > 0
+
+
+def ensemble_mean(name: str, values: np.ndarray) -> float:
+    """The mean of a figure over realizations; of permeabilities the geometric one."""
+    return float(np.exp(np.log(values).mean()) if scatters_by_factors(name, values) else values.mean())
 
 
 def t_interval(values: np.ndarray) -> tuple[int, float, float, float]:

@@ -24,6 +24,8 @@ from matplotlib.transforms import Affine2D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from grainfall.io import atomic_path
+from grainfall.network import pore_volume_below
+from grainfall.report.judgement import PERMEABILITY_TOLERANCE, POROSITY_TOLERANCE
 from grainfall.report.metrics import METRICS
 from grainfall.report.numbers import number
 from grainfall.stereology.distribution import rebinned as averaged
@@ -500,21 +502,46 @@ def draw_block(axes, phase: np.ndarray, phases: Sequence[str] = ()) -> None:
 
 
 @styled
-def block_figure(phase: np.ndarray, voxel_size_um: float, phases: Sequence[str] = ()) -> Figure:
-    """The twin as a block in isometric view: its top and two of its sides.
+def twin_figure(
+    section: np.ndarray,
+    pixel_size_um: float,
+    twin: np.ndarray,
+    voxel_size_um: float,
+    phases: Sequence[str] = (),
+) -> Figure:
+    """The middle of the section and a slice of the twin at one scale, and the twin as a block.
 
     Parameters
     ----------
-    phase : ndarray or open volume of uint8, (z, y, x)
+    section : ndarray of uint8, (y, x)
+    pixel_size_um : float
+    twin : ndarray or open volume of uint8, (z, y, x)
     voxel_size_um : float
+    phases : sequence of str
+        Names of the twin's phases; index 0 is the pore.
     """
-    nz, ny, nx = phase.shape
-    figure = Figure(figsize=(4.6, 4.9))
-    axes = figure.add_subplot()
-    draw_block(axes, phase, phases)
+    nz, ny, nx = twin.shape
+    across = np.round(np.array([nz, nx]) * voxel_size_um / pixel_size_um).astype(int)
+    window = tuple(
+        slice((n - min(n, k)) // 2, (n + min(n, k)) // 2) for n, k in zip(section.shape, across, strict=True)
+    )
+    figure = Figure(figsize=(WIDTH, WIDTH / 3 * max(1.0, nz / nx) + 0.95))
+    left, middle, right = figure.subplots(1, 3)
+    part = section[window]
+    where = "the section" if part.shape == section.shape else "the section, its middle"
+    for axes, image, size, name in (
+        (left, part[::-1], pixel_size_um, where),
+        (middle, twin[:, ny // 2, :], voxel_size_um, "the twin, a vertical slice"),
+    ):
+        height, width = (n * size for n in image.shape)
+        axes.imshow(phase_colours(image, phases), origin="lower", extent=(0, width, 0, height))
+        axes.set(xlim=(0, nx * voxel_size_um), ylim=(0, nz * voxel_size_um), xlabel="µm")
+        axes.set_title(f"{name}\nporosity {number((image == 0).mean())}", fontsize=9)
+        axes.spines[:].set_visible(True)
+    draw_block(right, twin, phases)
     size = " × ".join(number(n * voxel_size_um) for n in (nx, ny, nz))
-    axes.set_title(f"{size} µm (x × y × z)", fontsize=9, fontweight="normal", loc="center")
-    figure.legend(handles=[*mineral_handles(phases), PORE_HANDLE], loc="outside lower center", ncols=4)
+    right.set_title(f"the twin in 3D\n{size} µm", fontsize=9)
+    figure.legend(handles=[*mineral_handles(phases), PORE_HANDLE], loc="outside lower center", ncols=6)
     return figure
 
 
@@ -639,9 +666,9 @@ def s2_figure(
     slices : DataFrame, optional
         s2_slices.csv: slice, axis, lag_um, s2.
     envelope : DataFrame, optional
-        s2_envelope.csv: lag_um, observed, lower, upper, mean.
+        s2_envelope.csv: lag_um, observed, lower, upper, mean, section.
     envelope_result : mapping, optional
-        s2_envelope.json: p, n_slices.
+        s2_envelope.json: p, n_slices, n_windows, windows_rejected, window_um.
     reference : DataFrame, optional
         reference_s2.csv: axis, lag_um, s2.
     """
@@ -660,20 +687,27 @@ def s2_figure(
         mean = along.groupby("lag_um")["s2"].mean()
         left.plot(mean.index, mean, color=TRUTH, ls=(0, (4, 1.5)), lw=1.8, label="reference volume")
     if envelope is not None:
-        edges = (envelope_result or {}).get("window_um")
-        of_section = "section" + (
-            "" if edges is None else f", {' × '.join(map(number, edges[::-1]))} µm of it"
-        )
-        left.plot(envelope["lag_um"], envelope["observed"], color=SECTION, lw=1.3, label=of_section)
-        n = (envelope_result or {}).get("n_slices")
+        told = envelope_result or {}
+        windows = told.get("n_windows", 1)
+        # the mean scatters less than single slices do: it is to be seen beside their mean only
+        mean_of = "section" if windows == 1 else f"section, mean of {windows} windows"
+        left.plot(envelope["lag_um"], envelope["section"], color=SECTION, lw=1.3, label=mean_of)
+        edges = told.get("window_um")
+        middle = "section" if windows == 1 else "section, its middle window"
+        middle += "" if edges is None else f"\n({' × '.join(map(number, edges[::-1]))} µm)"
+        n = told.get("n_slices")
         right.fill_between(
             envelope["lag_um"], envelope["lower"], envelope["upper"], color=to_rgba(TWIN, 0.3), lw=0,
             label="global 95 % envelope" + (f", {n} slices" if n else ""),
         )  # fmt: skip
         right.plot(envelope["lag_um"], envelope["mean"], color=TWIN, lw=1.0, label="mean of the slices")
-        right.plot(envelope["lag_um"], envelope["observed"], color=SECTION, lw=1.3, label=of_section)
-        p = (envelope_result or {}).get("p")
-        right.set_title("Global envelope" + ("" if p is None else f": p = {number(p, 2)}"))
+        right.plot(envelope["lag_um"], envelope["observed"], color=SECTION, lw=1.3, label=middle)
+        p = told.get("p")
+        title = "Global envelope" + ("" if p is None else f": p = {number(p, 2)}")
+        if windows > 1:
+            out = round(told["windows_rejected"] * windows)
+            title += f"\n{out} of {windows} windows rejected"
+        right.set_title(title)
         right.legend()
     else:
         right.text(
@@ -711,7 +745,7 @@ def network_figure(
     figure = Figure(figsize=(WIDTH, 2.9))
     samples = {"twin": sizes} if reference is None else {"twin": sizes, "reference": reference}
     panels = (
-        ("pore_radius_um", "Pores", "radius (µm)", "pore-volume density (1/µm)"),
+        ("pore_radius_um", "Pores", "radius (µm)", "share of pore volume below"),
         ("throat_radius_um", "Throats", "radius (µm)", "density (1/µm)"),
         ("coordination", "Coordination", "throats per pore", "share of pores"),
     )
@@ -721,6 +755,15 @@ def network_figure(
         values = {name: np.asarray(of[kind], float) for name, of in samples.items() if len(of[kind])}
         if not values:
             axes.text(0.5, 0.5, "none", ha="center", transform=axes.transAxes, style="italic")
+            continue
+        if kind == "pore_radius_um":
+            # cumulative, as a few large pores hold much of the volume: bins would rise and fall with each
+            radii = np.linspace(0, max(map(np.max, values.values())), 400)
+            for name in values:
+                below = pore_volume_below(samples[name], radii)
+                look = {"color": TWIN} if name == "twin" else {"color": TRUTH, "ls": (0, (4, 1.5)), "lw": 1.8}
+                axes.plot(radii, below, **look)
+            axes.set(xlim=(0, radii[-1]), ylim=(0, 1.02))
             continue
         # the last half per cent of a long tail would squeeze the rest
         last = np.quantile(np.concatenate(list(values.values())), 0.995)
@@ -732,8 +775,7 @@ def network_figure(
             edges = np.arange(np.ceil(last / step) + 1) * step
         width = 1 if kind == "coordination" else np.diff(edges)
         for name, sample in values.items():
-            weight = samples[name]["pore_volume_um3"] if kind == "pore_radius_um" else np.ones(len(sample))
-            density = np.histogram(sample, edges, weights=weight)[0] / weight.sum() / width
+            density = np.histogram(sample, edges)[0] / len(sample) / width
             if name == "twin":
                 axes.stairs(density, edges, fill=True, color=to_rgba(TWIN, 0.35))
                 axes.stairs(density, edges, color=TWIN)
@@ -750,6 +792,10 @@ def network_figure(
         handles.append(Line2D([], [], color=TRUTH, ls=(0, (4, 1.5)), lw=1.8, label=counts["reference"]))
     figure.legend(handles=handles, loc="outside lower center", ncols=2)
     return figure
+
+
+NARROWEST = 0.1
+"""Least width of an axis that compares twins, of what it shows."""
 
 
 @styled
@@ -770,10 +816,12 @@ def comparison_figure(summary: pd.DataFrame, intervals: pd.DataFrame) -> Figure:
     figure = Figure(figsize=(WIDTH, (0.85 + 0.34 * len(ensembles)) * rows + 0.2))
     grid = figure.subplots(rows, columns, squeeze=False, sharey=True)
     for axes, name in zip(grid.ravel(), metrics, strict=False):
+        shown = []
         for y, (variant, engine) in enumerate(ensembles):
             of = (summary["variant"] == variant) & (summary["engine"] == engine)
             values = pd.to_numeric(summary.loc[of, name], errors="coerce").dropna()
             axes.plot(values, np.full(len(values), y + 0.18), "|", color="#555555", ms=6, mew=1)
+            shown += [*values]
             row = intervals[
                 (intervals["metric"] == name)
                 & (intervals["variant"] == variant)
@@ -784,15 +832,24 @@ def comparison_figure(summary: pd.DataFrame, intervals: pd.DataFrame) -> Figure:
                 axes.plot(mean, y - 0.1, "o", color=TWIN, ms=4.5)
                 if n > 2:
                     axes.plot([lower, upper], [y - 0.1] * 2, "|-", color=TWIN, ms=6, mew=1.4, lw=1.4)
+                    shown += [lower, upper]
         goal = {"porosity": "porosity_target", "k_x_md": "k_ref_x_md", "k_y_md": "k_ref_y_md",
                 "k_z_md": "k_ref_z_md"}.get(name)  # fmt: skip
+        # never so near that what is met looks missed, or chance like an effect
+        least = NARROWEST * max(map(abs, shown))
         if goal in summary and summary[goal].notna().any():
-            axes.axvline(summary[goal].astype(float).mean(), color=TRUTH, ls=(0, (4, 1.5)), lw=1.4)
+            aim = summary[goal].astype(float).mean()
+            slack = POROSITY_TOLERANCE if name == "porosity" else PERMEABILITY_TOLERANCE * aim
+            axes.axvspan(aim - slack, aim + slack, color=to_rgba(TRUTH, 0.15), lw=0)
+            axes.axvline(aim, color=TRUTH, ls=(0, (4, 1.5)), lw=1.4)
+            shown, least = [*shown, aim - 1.5 * slack, aim + 1.5 * slack], 0
         known = METRICS[name]
         axes.set_xlabel(short_label(name) + ("" if known.unit == "1" else f" ({known.unit})"), fontsize=8)
         axes.set_yticks(range(len(ensembles)), [f"{v} ({e})" for v, e in ensembles])
         axes.set_ylim(len(ensembles) - 0.5, -0.6)
-        axes.margins(x=0.15)
+        middle, half = (min(shown) + max(shown)) / 2, 0.65 * max(max(shown) - min(shown), least)
+        if half > 0:
+            axes.set_xlim(middle - half, middle + half)
         axes.locator_params(axis="x", nbins=3)
         axes.ticklabel_format(axis="x", useOffset=False)  # the offset would stand on the label
     for axes in grid.ravel()[len(metrics) :]:

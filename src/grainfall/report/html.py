@@ -187,10 +187,12 @@ def _grain_gallery(r: Results) -> Figure | None:
     return figures.gallery_figure(chosen, r.phases) if chosen else None
 
 
-def _block(r: Results) -> Figure:
+def _twin(r: Results) -> Figure:
     attributes, _ = r.attributes("twin:twin.zarr.zip")
     with r.opened("twin:twin.zarr.zip") as (twin,):
-        return figures.block_figure(twin, attributes["voxel_size_um"], r.twin_phases)
+        return figures.twin_figure(
+            r.section_phase, r.pixel_size_um, twin, attributes["voxel_size_um"], r.twin_phases
+        )
 
 
 def _packings(r: Results) -> Figure:
@@ -243,19 +245,19 @@ def _ensembles(r: Results) -> Figure | None:
 
 
 SOURCES = {
-    "section": (_section, ["sample:section.zarr.zip"]),
-    "sizes": (_sizes, ["sample:sizes.csv"]),
-    "gallery": (_grain_gallery, ["sample:grains3d/library.csv", "sample:labels.zarr.zip"]),
-    "packings": (_packings, ["twin:twin.zarr.zip"]),
-    "forces": (_forces, ["twin:contacts.csv"]),
-    "virtual": (_virtual, ["twin:virtual_spheres.csv"]),
+    "twin": (_twin, ["sample:section.zarr.zip", "twin:twin.zarr.zip"]),
     "s2": (_s2, ["twin:s2_slices.csv"]),
+    "sizes": (_sizes, ["sample:sizes.csv"]),
     "network": (
         _pore_network,
         ["twin:network_pores.csv", "twin:network_throats.csv", "variant:scene.json"],
     ),
-    "block": (_block, ["twin:twin.zarr.zip"]),
     "ensembles": (_ensembles, ["root:summary.csv"]),
+    "section": (_section, ["sample:section.zarr.zip"]),
+    "gallery": (_grain_gallery, ["sample:grains3d/library.csv", "sample:labels.zarr.zip"]),
+    "packings": (_packings, ["twin:twin.zarr.zip"]),
+    "forces": (_forces, ["twin:contacts.csv"]),
+    "virtual": (_virtual, ["twin:virtual_spheres.csv"]),
 }
 """Figure name to what draws it and the files without which there is nothing to draw."""
 

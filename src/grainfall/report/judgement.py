@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import pandas as pd
 
+from grainfall.report.ensembles import ensemble_mean
 from grainfall.report.metrics import METRICS, Metric, metric
 from grainfall.report.numbers import as_float, number
 from grainfall.surface import Alignment, left_open, lies_aligned
@@ -149,14 +150,16 @@ def verdict(judgements: Sequence[Judgement]) -> str:
 
 
 def headline(tables: Sequence[pd.DataFrame]) -> list[str]:
-    """What the twins of one variant are like, in sentences; figures are means over realizations.
+    """What the twins of one variant are like, in sentences; figures are means over realizations, of
+    permeabilities geometric ones.
 
     Parameters
     ----------
     tables : sequence of DataFrame
         metrics.csv of each realization.
     """
-    mean = pd.concat(tables).groupby("metric")["value"].mean()
+    values = pd.concat(tables).dropna(subset="value").groupby("metric")["value"]
+    mean = {name: ensemble_mean(name, of.to_numpy(float)) for name, of in values}
 
     def of(name: str) -> float | None:
         return as_float(mean.get(name))

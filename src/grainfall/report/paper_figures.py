@@ -24,6 +24,7 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from grainfall import correlation, io, network, random
 from grainfall.report import figures
+from grainfall.report.ensembles import t_interval
 from grainfall.report.figures import (
     FIRST,
     PORE_CIRCLE,
@@ -36,6 +37,7 @@ from grainfall.report.figures import (
     styled,
 )
 from grainfall.report.html import PACKED, Results, drawn_grains, gallery
+from grainfall.report.texts import case_names
 from grainfall.report.validation import (
     BEREA_PUBLISHED_MD,
     CUBES,
@@ -97,6 +99,8 @@ class Cases:
 
 DARK, LIGHT = to_rgb("#151515"), to_rgb("#999999")
 """Pore and solid, where a picture has no colours but theirs: dark and light as in a tomogram."""
+PHANTOM = "#F0E442"
+"""Pores of a tomogram that the rock has not: brighter than solid and pore, in grey as in colour."""
 BINARY = [
     Patch(facecolor=LIGHT, edgecolor="black", lw=0.5, label="solid"),
     Patch(facecolor=DARK, edgecolor="black", lw=0.5, label="pore"),
@@ -169,13 +173,17 @@ CIRCLE = {"facecolor": to_rgba(PORE_CIRCLE, 0.85), "edgecolor": "#7A2E58", "line
 PORE_CIRCLES = Patch(**CIRCLE, label="pore circle")
 
 
-def _circles(axes, pores: pd.DataFrame, offset=(0.0, 0.0)) -> None:
+ON_GREY = {**CIRCLE, "edgecolor": "white", "linewidth": 0.9}
+"""The same where pores are dark and solids grey: without colours its face is like a solid's."""
+
+
+def _circles(axes, pores: pd.DataFrame, offset=(0.0, 0.0), look: Mapping = CIRCLE) -> None:
     r = pores["r_um"].to_numpy()
     axes.add_collection(
         EllipseCollection(
             2 * r, 2 * r, np.zeros(len(r)), units="xy",
             offsets=pores[["x_um", "y_um"]].to_numpy() - np.asarray(offset),
-            offset_transform=axes.transData, **CIRCLE,
+            offset_transform=axes.transData, **look,
         )
     )  # fmt: skip
 
@@ -285,7 +293,7 @@ def masks(cases: Cases) -> Figure | None:
         _image(axes, picture, pixel)
     _outlines(panels[1], labels, pixel)
     limits = panels[3].get_xlim(), panels[3].get_ylim()
-    _circles(panels[3], pores, corner)
+    _circles(panels[3], pores, corner, ON_GREY)
     panels[3].set(xlim=limits[0], ylim=limits[1])
     handles = [*BINARY, *figures.mineral_handles(r.phases), PORE_CIRCLES]
     figure.legend(handles=handles, loc="outside lower center", ncols=6)
@@ -305,6 +313,7 @@ def sizes2d(cases: Cases) -> Figure | None:
     figure = Figure(figsize=(WIDTH / 2, 2.6))
     axes = figure.add_subplot()
     hatches = {0: "....", 1: "", 2: "////"}
+    handles = []
     for (kind, phase), table in r.table("sample:sizes.csv").groupby(["kind", "phase"], sort=True):
         pore = kind == "pore"
         colour = PORE_CIRCLE if pore else mineral_colour(int(phase), r.phases)
@@ -312,13 +321,15 @@ def sizes2d(cases: Cases) -> Figure | None:
         f2d = table["f2d"].to_numpy()
         wide, f2d = figures.rebinned(edges, f2d, figures.reach(edges, f2d))
         name = "pore circles" if pore else r.phases[int(phase)]
-        axes.stairs(
-            f2d, wide, fill=True, facecolor=to_rgba(colour, 0.3), edgecolor=colour, lw=1.2,
-            hatch=hatches.get(int(phase), ""), label=name,
-        )  # fmt: skip
+        # of one patch, a browser's paper has the fill cover what lies below it, hatches and all
+        axes.stairs(f2d, wide, fill=True, facecolor=to_rgba(colour, 0.3), lw=0)
+        axes.stairs(f2d, wide, fill=True, facecolor="none", edgecolor=colour, lw=1.2,
+                    hatch=hatches.get(int(phase), ""))  # fmt: skip
+        handles.append(Patch(facecolor=to_rgba(colour, 0.3), edgecolor=colour, lw=1.2,
+                             hatch=hatches.get(int(phase), ""), label=name))  # fmt: skip
     axes.set(xlabel="radius in the section (µm)", ylabel="$f_{2D}$ (1/µm)", xlim=(0, None), ylim=(0, None))
     axes.yaxis.label.set_parse_math(True)
-    axes.legend()
+    axes.legend(handles=handles)
     return figure
 
 
@@ -444,10 +455,12 @@ def sample1_no_inversion(cases: Cases) -> Figure | None:
     return _sample1(cases, "no_inversion")
 
 
+S2_OF_TRUTH = ("reference_s2.csv", f"{CUBES}/reference_s2.csv")
+
+
 def _s2_ensemble(axes, cases: Cases, case: str, variants: Sequence[tuple]) -> bool:
     """S2 in 3D: mean and range of the truths' cubes, and of each variant every twin and their mean."""
-    names = ("reference_s2.csv", f"{CUBES}/reference_s2.csv")
-    truth = [radial(path) for name in names for path in cases.paths(case, name)]
+    truth = [radial(path) for name in S2_OF_TRUTH for path in cases.paths(case, name)]
     if not truth or not cases.paths(case, "*/*/s2_volume.csv"):
         return False
     grid = truth[0][0][truth[0][0] <= 0.5 * truth[0][0][-1]]
@@ -482,10 +495,32 @@ def _s2_ensemble(axes, cases: Cases, case: str, variants: Sequence[tuple]) -> bo
 @styled
 def sample1_s2(cases: Cases) -> Figure | None:
     """S2 in 3D of the truths, with the inversion and without."""
-    figure = Figure(figsize=(WIDTH * 0.62, 3.1))
-    axes = figure.add_subplot()
+    figure = Figure(figsize=(WIDTH, 3.1))
+    left, right = figure.subplots(1, 2)
     variants = (("full", TWIN, "-", "with the inversion"), ("no_inversion", FIRST, DOTTED, "without"))
-    return figure if _s2_ensemble(axes, cases, "stereology", variants) else None
+    if not _s2_ensemble(left, cases, "stereology", variants):
+        return None
+    _letter(left, "a")
+    _letter(right, "b", "less its own truth's, mean of sections")
+    for variant, colour, style, label in variants:
+        off = []
+        for sample in cases.samples["stereology"]:
+            own, truth = (
+                [radial(p) for name in names for p in sorted((cases.root / sample).glob(name))]
+                for names in ([f"{variant}/*/s2_volume.csv"], S2_OF_TRUTH)
+            )
+            if own and truth:
+                lags = truth[0][0][truth[0][0] <= 0.5 * truth[0][0][-1]]
+                one, other = (np.mean([np.interp(lags, *c) for c in of], axis=0) for of in (own, truth))
+                off.append(one - other)
+        if off:
+            mean, lower, upper = np.transpose([t_interval(of)[1:] for of in np.transpose(off)])
+            right.plot(lags, mean, color=colour, ls=style, lw=1.9, label=label)
+            if len(off) > 2:
+                right.fill_between(lags, lower, upper, color=to_rgba(colour, 0.25), lw=0)
+    right.axhline(0, color=TRUTH, ls=DASHED, lw=1.6)
+    right.set(xlabel="lag (µm)", ylabel="difference of S₂", xlim=left.get_xlim())
+    return figure
 
 
 # ---- sample 2
@@ -543,29 +578,20 @@ def _network_panel(axes, r: Results, slab_um: float) -> None:
     axes.set(xlim=(0, edge), ylim=(0, edge), aspect="equal", xlabel="x (µm)", ylabel="y (µm)")
 
 
-def _pore_sizes(axes, volumes: Sequence[tuple], *, inset: bool = False) -> None:
-    """Pore volume over the radii of the network's pores, pooled over twins; for the large ones again on a
-    logarithmic scale in an inset."""
+def _pore_sizes(axes, volumes: Sequence[tuple]) -> None:
+    """Share of the pore volume in network pores up to a radius, pooled over twins.
+
+    Cumulative, as radii of pores are no finer than voxels: bins would show those of the coarsest volume. What
+    lies between two curves is their Wasserstein distance.
+    """
     drawn = [(network.pooled_sizes(v), colour, style, name) for v, colour, style, name in volumes if v]
-    edges = np.linspace(0, max(sizes["pore_radius_um"].max() for sizes, *_ in drawn), 26)
-    panels = [axes, axes.inset_axes([0.5, 0.58, 0.5, 0.42])] if inset else [axes]
-    beside = 0.0  # the highest curve below the inset and its labels
+    radii = np.linspace(0, max(sizes["pore_radius_um"].max() for sizes, *_ in drawn), 400)
     for sizes, colour, style, name in drawn:
-        held = sizes["pore_volume_um3"]
-        density = np.histogram(sizes["pore_radius_um"], edges, weights=held)[0] / held.sum()
-        density /= np.diff(edges)
-        beside = max(beside, density[edges[1:] > 0.3 * edges[-1]].max())
-        for each in panels:
-            each.stairs(density, edges, color=colour, ls=style, lw=1.6, label=name)
-    axes.set(xlabel="network pore radius (µm)", ylabel="share of pore volume (1/µm)")
-    # legend and inset stand above the curves
-    axes.set(xlim=(0, edges[-1]), ylim=(0, max(1.35 * axes.dataLim.ymax, 2 * beside if inset else 0)))
-    if inset:
-        panels[1].set(xlim=(0, edges[-1]), yscale="log", ylim=(1e-3 * axes.dataLim.ymax, None))
-        panels[1].tick_params(labelsize=6)
-        panels[1].yaxis.set_major_formatter("{x:g}")
-    else:
-        axes.legend(fontsize=7, loc="upper right")
+        below = network.pore_volume_below(sizes, radii)
+        axes.plot(radii, below, color=colour, ls=style, lw=1.6, label=name)
+    axes.set(xlabel="network pore radius (µm)", ylabel="share of pore volume below")
+    axes.set(xlim=(0, radii[-1]), ylim=(0, 1.02))
+    axes.legend(fontsize=7, loc="lower right")
 
 
 def _pores(stems: Sequence[Path]) -> list[dict[str, np.ndarray]]:
@@ -587,11 +613,9 @@ def sample2_analysis(cases: Cases) -> Figure | None:
         (
             (_pores(cases.references("virtual_spheres")), TRUTH, DASHED, "original"),
             (_pores(cases.stems("virtual_spheres", "grains_only/*/network")), FIRST, DOTTED, "grains alone"),
-            (_pores(cases.stems("virtual_spheres", "full/*/network")), TWIN, "-", "with virtual spheres"),
+            (_pores(cases.stems("virtual_spheres", "full/*/network")), TWIN, "-", "with spheres"),
         ),
-        inset=True,
     )
-    figure.legend(*panels[1].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     variants = (("full", TWIN, "-", "with spheres"), ("grains_only", FIRST, DOTTED, "grains alone"))
     _s2_ensemble(panels[2], cases, "virtual_spheres", variants)
     for axes, letter, name in zip(
@@ -636,13 +660,16 @@ def motivation(cases: Cases) -> Figure | None:
     _image(panels[1], grey[plane], voxel)
     picture = _binary(solid[plane] > 0)
     binning = round(voxel / _voxel(r, "sample:reference.zarr.zip"))
-    picture[_phantom(rock, solid, plane, binning)] = to_rgb(TWIN)
+    picture[_phantom(rock, solid, plane, binning)] = to_rgb(PHANTOM)
     _image(panels[2], picture, voxel)
-    names = ("the section", "tomogram", "tomogram, thresholded")
+    names = ("a plane of the rock", "its tomogram", "thresholded")
     for axes, letter, name in zip(panels, "abc", names, strict=True):
         _letter(axes, letter, name)
         _bar(axes, solid.shape[2] * voxel)
-    handles = [*BINARY, Patch(facecolor=TWIN, label="phantom pore: solid in the rock")]
+    handles = [
+        *BINARY,
+        Patch(facecolor=PHANTOM, edgecolor="black", lw=0.5, label="phantom pore: solid in the rock"),
+    ]
     figure.legend(handles=handles, loc="outside lower center", ncols=3)
     return figure
 
@@ -882,23 +909,27 @@ def permeability(cases: Cases) -> Figure | None:
         error = (
             None if np.isnan(row["lower"]) else [[row["mean"] - row["lower"]], [row["upper"] - row["mean"]]]
         )
-        axes.errorbar(row["mean"], y, xerr=error, fmt="o", color=TWIN, ms=5, capsize=3, lw=1.5,
-                      label="ours, 95 % interval" if y == 0 else None)  # fmt: skip
+        ours = row["variant"] != "tomogram"  # what the twins are to be held against
+        axes.errorbar(row["mean"], y, xerr=error, fmt="o" if ours else "s", color=TWIN if ours else FIRST,
+                      ms=5, capsize=3, lw=1.5,
+                      label=("twins" if ours else "simulated tomograms") + ", 95 % interval")  # fmt: skip
         if not np.isnan(row["paper"]):
             axes.plot(row["paper"], y, "D", color=SECTION, mfc="none", ms=6)
     if rows["paper"].notna().any():
         axes.plot([], [], "D", color=SECTION, mfc="none", ms=6, label="paper, one realization")
     axes.axvline(1, color=TRUTH, ls=DASHED, lw=1.6, label="truth")
     axes.axvspan(0.9, 1.1, color=to_rgba(TRUTH, 0.12), lw=0, label="within 10 %")
+    called = case_names()
     names = [
-        f"{r.case}, {r.variant}".replace("_", " ")
+        f"{called.get(r.case, r.case)}, {r.variant}".replace("_", " ")
         + f"\n{r.n} {'tomogram' if r.variant == 'tomogram' else 'twin'}{'s'[: r.n > 1]}, "
         + f"{r.sections} section{'s'[: r.sections > 1]}"
         for r in rows.itertuples()
     ]
     axes.set(yticks=range(len(rows)), yticklabels=names, xlabel=describe("k_ratio").label, xlim=(0, None))
     axes.set_ylim(len(rows) - 0.5, -0.5)
-    axes.legend(loc="best", fontsize=7)
+    once = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
+    axes.legend(once.values(), once, loc="best", fontsize=7)
     return figure
 
 
@@ -916,14 +947,15 @@ FIGURES: dict[str, Drawn] = {
         permeability,
         "-",
         "Permeability over the truth's by the same method, of every case and variant. Dots: our "
-        "ensembles (so many twins of so many sections) with 95 % intervals; open diamonds, where there are "
-        "any: the paper's single figures; the band is 10 % to either side.",
+        "ensembles (so many twins of so many sections) with 95 % intervals; squares: tomograms, which "
+        "the twins are held against; open diamonds, where there are any: the paper's single figures; the "
+        "band is 10 % to either side.",
     ),
     "motivation": Drawn(
         motivation,
         "Motivation",
-        "One plane of a virtual rock: as a section shows it, as the simulated tomogram shows it, and "
-        "the tomogram thresholded. Orange: phantom pores, solid in the rock.",
+        "One plane of a virtual rock: as it is, as the simulated tomogram shows it, and "
+        "the tomogram thresholded. Yellow: phantom pores, solid in the rock.",
     ),
     "pipeline": Drawn(
         pipeline,
@@ -970,7 +1002,8 @@ FIGURES: dict[str, Drawn] = {
     "sample1_s2": Drawn(
         sample1_s2,
         "Sample 1: S2",
-        "Case 1: S₂ in 3D. Thin: single twins; band: the range of the truths.",
+        "Case 1: S₂ in 3D (thin: single twins; band: the range of the truths), and how far it is from that "
+        "of each section's own truth, on average, with 95 % intervals over sections.",
     ),
     "sample2": Drawn(
         sample2,
@@ -986,7 +1019,8 @@ FIGURES: dict[str, Drawn] = {
     "sample3": Drawn(
         sample3,
         "Sample 3: experimental and reconstructed",
-        "Case 3c: tomogram, tomogram thresholded, section, its grains, first packing, final twin.",
+        "Case 3c: tomogram, tomogram thresholded, section, its grains, first packing, final twin. The "
+        "tomogram and the section are different planes of one rock.",
     ),
     "sample3_analysis": Drawn(
         sample3_analysis,

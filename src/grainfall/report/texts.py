@@ -1,8 +1,23 @@
-"""The words of every figure, in the report and in captions elsewhere."""
+"""The words of every figure, in the report and in captions elsewhere, and of the validation cases."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import NamedTuple
+
+import yaml
+
+_CASES = Path(__file__).with_name("templates") / "validation.yaml"
+
+
+def cases_in_words() -> dict[str, dict]:
+    """Of each validation case, in the order of the page: title, done, differs (optional), figures."""
+    return yaml.safe_load(_CASES.read_text(encoding="utf-8"))
+
+
+def case_names() -> dict[str, str]:
+    """What each validation case is called in short, such as Case 3c."""
+    return {case: said["title"].partition(":")[0] for case, said in cases_in_words().items()}
 
 
 class Text(NamedTuple):
@@ -16,6 +31,16 @@ class Text(NamedTuple):
 
 
 TEXTS = {
+    "twin": Text(
+        "The rock and its twin",
+        "Twin",
+        "The section, or as much of its middle as a slice of the twin shows, beside the twin's middle slice "
+        "(z points up), at one scale; and the whole twin: its top and two of its sides. Slices of one rock "
+        "differ in porosity, too.",
+        "A window of the section, a slice of the twin of the same size, and the twin as a block, coloured by "
+        "mineral; pores are white.",
+        "The twin is not there yet.",
+    ),
     "section": Text(
         "The section",
         "Section",
@@ -79,34 +104,28 @@ TEXTS = {
     "s2": Text(
         "Two-point correlation",
         "Correlation",
-        "Probability that two points a lag apart both lie in the solid. Left: slices of the twin and the "
-        "section. Right: global envelope of slices from all realizations; the test asks whether the section "
-        "could be one of them. Both are seen in windows of one size, the largest that section and twin hold; "
-        "of a larger section the middle window is used, whose porosity may differ from the section's.",
+        "Probability that two points a lag apart both lie in the solid. Left: slices of the twin, their mean "
+        "and the section's. Right: global envelope of slices from all realizations; the test asks whether "
+        "the section could be one of them. Both are seen in windows of one size, the largest that section "
+        "and twin hold; of a larger section the middle window is tested, whose porosity may differ from the "
+        "section's, and then every other one.",
         "S2 curves of slices of the twin with the section's curve, and the global envelope around it.",
         "S₂ has not been computed yet.",
     ),
     "network": Text(
         "Pore network",
         "Network",
-        "Radii of linked pores by their volume, of throats, and throats per pore; twin against reference "
-        "where there is one. "
+        "Share of the pore volume in linked pores up to a radius, radii of throats, and throats per pore; "
+        "twin against reference where there is one. What lies between the curves of pores is their distance W₁. "
         "Necks of a single voxel face are throats, too: the topology of the pore space is kept.",
         "Histograms of pore radii, throat radii and coordination of the pore network.",
         "The pore network has not been extracted, or has no pores.",
-    ),
-    "block": Text(
-        "The twin",
-        "Twin",
-        "The finished twin as a block: its top and two of its sides.",
-        "Isometric view of the twin's block, grains coloured by mineral, pores white.",
-        "The twin is not there yet.",
     ),
     "ensembles": Text(
         "Realizations and their means",
         "Comparison",
         "Ticks: single realizations. Dots: means, from three realizations on with 95 % intervals. Dashed: "
-        "target or reference.",
+        "target or reference, shaded what counts as met.",
         "Realizations, means and intervals of every variant and engine, one panel per metric; the tables "
         "below have the numbers.",
         "One twin only: there is nothing to compare and no interval to give.",

@@ -15,15 +15,10 @@ from grainfall.report.claims import claims
 from grainfall.report.html import data_uri, shown_uri
 from grainfall.report.numbers import number
 from grainfall.report.paper_figures import FIGURES
+from grainfall.report.texts import case_names, cases_in_words
 from grainfall.report.validation import describe
 
-_WORDS = Path(__file__).with_name("templates") / "validation.yaml"
-_BENCHMARKS = _WORDS.with_name("benchmarks.yaml")
-
-
-def cases_in_words() -> dict[str, dict]:
-    """Of each case, in the order of the page: title, done, differs (optional), figures."""
-    return yaml.safe_load(_WORDS.read_text(encoding="utf-8"))
+_BENCHMARKS = Path(__file__).with_name("templates") / "benchmarks.yaml"
 
 
 def benchmarks_in_words() -> dict[str, dict]:
@@ -82,7 +77,7 @@ def build_validation(
         benchmarks=_benchmarks(Path(results) / "benchmarks"),
         shown={part["case"] for part in parts},
         claims=every,
-        names={c: said["title"].partition(":")[0].replace(" ", "\u00a0", 1) for c, said in words.items()},
+        names={case: name.replace(" ", "\u00a0", 1) for case, name in case_names().items()},
         overview=_figure("permeability", drawn.get("permeability"), "make cases"),
         version=__version__,
         twins=_twins(Path(results)),
