@@ -24,6 +24,20 @@ def duct(width: int, length: int, shape: tuple[int, int], corner: tuple[int, int
     return pore
 
 
+def serpentine(length: int, width: int, rows: int) -> np.ndarray:
+    """A square duct from face to face along y that goes to and fro along x, with walls of two voxels."""
+    pitch = width + 2
+    pore = np.zeros((width + 2, rows * pitch, length + 2 * width), bool)
+    inside, (left, right) = slice(1, 1 + width), ((1, 1 + width), (length - 1, length - 1 + width))
+    for row in range(rows):
+        across = slice(1 + row * pitch, 1 + row * pitch + width)
+        pore[inside, across, left[0] : right[1]] = True
+        turn = right if row % 2 == 0 else left
+        pore[inside, across.start : across.stop + pitch, slice(*turn)] = True
+    pore[inside, 0, slice(*left)] = True
+    return pore
+
+
 def chain(diameter: float, spacing: float, n: int) -> network.Network:
     """``n`` pores in a row along x, as wide as their throats: a straight duct of square section."""
     net = network.empty()
@@ -174,6 +188,23 @@ def test_all_solid_and_all_pore(method, shape):
     assert void["k_md"].isna().all()
     assert (void["formation_factor"] == 1).all()
     assert void["axis"].tolist() == ["x", "y", "z"]
+
+
+def test_a_duct_that_winds_conducts_by_its_length_not_by_its_extent():
+    """One pore of rows side by side, which blocks of voxels join where nothing flows."""
+    pore = serpentine(60, 4, 9)
+    network, elliptic, direct = (
+        flow.permeability(pore, 1.0, method).set_index("axis").loc["y"]
+        for method in ("network", "elliptic", "direct")
+    )
+    assert network["formation_factor"] == pytest.approx(elliptic["formation_factor"], rel=0.01)
+    assert network["k_md"] == pytest.approx(direct["k_md"], rel=0.05)
+
+
+def test_a_duct_too_long_for_single_precision_is_refused(monkeypatch):
+    monkeypatch.setattr("grainfall.flow.multiport.SINGLE", 1e-3)
+    with pytest.raises(InputError, match="winds too far"):
+        flow.permeability(serpentine(60, 4, 9), 1.0, "network")
 
 
 class TestEstimate:

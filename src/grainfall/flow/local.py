@@ -12,8 +12,9 @@ model's lower bound pore by pore. Pressures held to planes err to the other side
 
 The pores meet at the throats' unknowns: a pore with z throats is not one resistance from its centre to each,
 but a matrix of conductances between all of them, so that nothing is reckoned twice and a straight duct comes
-out within a percent, the tolerance of the local solutions, however it is parted. Conduction of a current is
-the same with w = 1, and no correction. Lengths are voxels, viscosity and conductivity 1.
+out within a percent, the tolerance of the local solutions, however it is parted. A pore that winds far is
+solved for more closely, and refused where single precision cannot. Conduction of a current is the same with
+w = 1, and no correction. Lengths are voxels, viscosity and conductivity 1.
 """
 
 from __future__ import annotations

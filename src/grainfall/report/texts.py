@@ -116,7 +116,8 @@ TEXTS = {
         "Pore network",
         "Network",
         "Share of the pore volume in linked pores up to a radius, radii of throats, and throats per pore; "
-        "twin against reference where there is one. What lies between the curves of pores is their distance W₁. "
+        "twin against reference where there is one. What lies between the curves of pores is their "
+        "distance W₁. "
         "Necks of a single voxel face are throats, too: the topology of the pore space is kept.",
         "Histograms of pore radii, throat radii and coordination of the pore network.",
         "The pore network has not been extracted, or has no pores.",
