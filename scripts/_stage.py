@@ -65,7 +65,7 @@ def results_folder(snakemake) -> str:
 
 @contextmanager
 def checkpoints(snakemake):
-    """Folder for what a killed job leaves to its next run; gone when the block ends well.
+    """Folder for what a killed job leaves to its next run; gone when the block ends well, the record written.
 
     Its name holds the science and the versions: what other code began is not carried on.
     """

@@ -4,7 +4,7 @@ from _stage import checkpoints, stage
 
 from grainfall import grains, io, packing, random, stereology
 
-with stage(snakemake) as progress, checkpoints(snakemake) as folder:
+with checkpoints(snakemake) as folder, stage(snakemake) as progress:
     scene = io.read_json(snakemake.input.scene)
     sizes = stereology.from_table(io.read_table(snakemake.input.sizes))
     library = grains.Library.load(snakemake.input.library)

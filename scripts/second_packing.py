@@ -4,7 +4,7 @@ from _stage import checkpoints, stage
 
 from grainfall import grains, io, packing, random, stereology, volume
 
-with stage(snakemake) as progress, checkpoints(snakemake) as folder:
+with checkpoints(snakemake) as folder, stage(snakemake) as progress:
     files, settings = snakemake.input, snakemake.params.settings
     scene, deficit = io.read_json(files.scene), io.read_json(files.deficit)
     sizes = stereology.from_table(io.read_table(files.sizes))

@@ -178,6 +178,8 @@ def alignment(phase: np.ndarray) -> Alignment:
     tiles, which are taken as independent.
     """
     solid = np.asarray(phase) > 0
+    if min(solid.shape) < 2:
+        return Alignment(np.nan, np.nan, np.nan)
     here = solid[:-1, :-1]
     beside, across, below = solid[:-1, 1:], solid[1:, 1:], solid[1:, :-1]
     lines = ((here, beside, 1.0), (here, across, np.sqrt(2)), (here, below, 1.0), (beside, below, np.sqrt(2)))
