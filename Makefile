@@ -68,7 +68,7 @@ sweep: $(VENV)/.ready  ## an example of a sweep: config/sweep.tsv in, results/sw
 	$(SNAKEMAKE) --configfile config/cases/sweep.yaml -- results/sweep.csv
 
 verify: $(VENV)/.ready  ## is everything behind the results still as it was? Says what changed; status 1 if anything did
-	$(BIN)/python -m grainfall.provenance
+	$(BIN)/grainfall verify
 
 consolidated: $(VENV)/.ready  ## a rock as dense as Fontainebleau sandstone: five truths, one twin of each
 	$(SNAKEMAKE) --configfile config/cases/consolidated.yaml

@@ -442,6 +442,12 @@ def read_sweep(path: str, schema: dict) -> dict[str, dict]:
                 near = difflib.get_close_matches(key, known, n=1)
                 hint = f"did you mean '{near[0]}'?" if near else "dotted keys of config/README.md"
                 raise InputError(path, f"unknown column '{key}'", hint)
+            if key.partition(".")[0] not in VARIANT_KEYS:
+                raise InputError(
+                    path,
+                    f"column '{key}' cannot differ between variants of one sample",
+                    f"a key of one of: {', '.join(VARIANT_KEYS)}",
+                )
             *parents, last = key.split(".")
             inner = overrides[name]
             for parent in parents:
@@ -464,6 +470,12 @@ def _with_sweep(config: dict, schema: dict) -> dict[str, dict | None]:
     own, rows = config.get("variants") or {}, read_sweep(config["sweep"], schema)
     if twice := sorted(own.keys() & rows.keys()):
         raise InputError(config["sweep"], f"variant '{twice[0]}' is in the config, too", "unique names")
+    default = schema["properties"]["variants"]["default"]
+    # a run without the sweep may have made it: what it is must not change under its name
+    if other := [name for name, over in rows.items() if name in default and over != default[name]]:
+        raise InputError(
+            config["sweep"], f"variant '{other[0]}' is what a config without variants runs", "another name"
+        )
     return {**own, **rows}
 
 

@@ -13,7 +13,6 @@ import importlib.metadata
 import json
 import os
 import platform
-import sys
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from pathlib import Path
@@ -395,23 +394,3 @@ def _changed_outputs(jobs: Mapping[Path, Mapping], results: Path) -> tuple[list[
         for line in _differences(older["versions"], now, "version: "):
             changes.append(f"{line} (jobs {', '.join(rules)})")
     return changes, compared
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """Print what changed; 0 where nothing did, 1 where something did, 2 where it cannot be told."""
-    given = sys.argv[1:] if arguments is None else arguments
-    results = Path(given[0] if given else "results")
-    try:
-        changes, compared = verify(results, Path(__file__).resolve().parents[2])
-    except InputError as fault:
-        print(f"grainfall: {fault}", file=sys.stderr)
-        return 2
-    for line in changes:
-        print(line)
-    count = f"{compared} files compared with {results / NAME}"
-    print(f"{count}: {len(changes)} differences" if changes else f"{count}: nothing has changed")
-    return 1 if changes else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

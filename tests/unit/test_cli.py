@@ -10,6 +10,7 @@ import sys
 import numpy as np
 import pandas as pd
 import pytest
+import tifffile
 import yaml
 from PIL import Image
 
@@ -154,6 +155,45 @@ def test_what_is_taken_for_the_pore_is_said(capsys, picture, tmp_path):
     )
     assert "The lower value is taken for the pore" in said
     assert "taken for the pore" not in told
+    discs = np.array(Image.open(picture)) // 255
+    discs[:, 100:] *= 2
+    Image.fromarray(discs).save(tmp_path / "two.png")
+    new[3] = tmp_path / "two.png"
+    said, told = (
+        " ".join(grainfall(capsys, *new, "--force", *more)[1].split())
+        for more in ([], ["--phases", "pore=0;a=1;b=2"])
+    )
+    assert "The value 0 is taken for the pore, the others for minerals" in said
+    assert "taken for the pore" not in told
+    noise = np.random.default_rng(0).normal(0, 3, discs.shape)
+    Image.fromarray((60 + 120 * (discs > 0) + noise).astype(np.uint8)).save(tmp_path / "grey.png")
+    new[3] = tmp_path / "grey.png"
+    said = " ".join(grainfall(capsys, *new, "--force")[1].split())
+    level = float(re.search(r"The darkest class is taken for the pore, parted at (\d+)\.", said)[1])
+    assert 60 < level < 180
+
+
+def test_a_file_that_gives_other_pixels_is_told_so(capsys, picture, tmp_path):
+    discs, path = np.array(Image.open(picture)), tmp_path / "a.tif"
+    new = ("new", tmp_path / "a", "--image", path, "--pixel-size", "2um", "--force")
+    for resolution, words in (
+        ((0.5, 0.5), None),
+        ((5, 5), "The file itself gives its pixels as 0.2 um"),
+        ((0.5, 1), "The file gives its pixels as 2 x 1 um: make them square"),
+    ):
+        tifffile.imwrite(path, discs, imagej=True, resolution=resolution, metadata={"unit": "um"})
+        said = " ".join(grainfall(capsys, *new)[1].split())
+        assert words in said if words else "The file" not in said
+
+
+def test_a_section_of_few_whole_grains_is_told_so(capsys, picture, tmp_path):
+    small = Image.open(picture).crop((0, 0, 60, 60))  # four whole discs and five that are cut
+    small.save(tmp_path / "small.png")
+    new = ("--pixel-size", "1um")
+    said = grainfall(capsys, "new", tmp_path / "a", "--image", tmp_path / "small.png", *new)[1]
+    assert "Sizes and shapes rest on 4 whole grains" in " ".join(said.split())
+    said = grainfall(capsys, "new", tmp_path / "b", "--image", picture, *new)[1]
+    assert "rest on" not in said
 
 
 def test_what_is_in_brackets_or_between_colons_is_shown(capsys, tmp_path, monkeypatch):
@@ -167,7 +207,7 @@ def test_what_is_in_brackets_or_between_colons_is_shown(capsys, tmp_path, monkey
 def test_a_long_list_of_rules_breaks_between_words(capsys, tmp_path, monkeypatch):
     (tmp_path / "config.yaml").write_text("samples: {a: {kind: synthetic, pixel_size_um: 2}}")
     rules = {f"some_rule_with_a_name_{n}": 2 for n in range(9)}
-    monkeypatch.setattr(study, "jobs_left", lambda _: rules)
+    monkeypatch.setattr(study, "jobs_left", lambda *_: rules)
     said = grainfall(capsys, "run", tmp_path, "--dry-run")[1]
     assert max(map(len, said.splitlines())) <= 80
     assert set(rules) <= set(said.split())
@@ -232,6 +272,11 @@ def test_jobs_that_run_at_once_are_kept_within_the_memory(capsys, root, tmp_path
     assert grainfall(capsys, "run", tmp_path)[0] == 0
     (command,) = commands
     assert command[command.index("--resources") + 1] == f"mem_mb={round(0.9 * 20 * 1024)}"
+    assert command[-1] == "--"  # all there is
+    # a file that is wanted alone; a study may be named by its config
+    assert grainfall(capsys, "run", tmp_path / "config.yaml", "-t", "results/tiny/sizes.csv")[0] == 0
+    assert commands[1][-2:] == ["--", "results/tiny/sizes.csv"]
+    assert "--keep-going" in commands[1]
 
 
 @pytest.mark.parametrize(
@@ -246,7 +291,10 @@ def test_jobs_that_run_at_once_are_kept_within_the_memory(capsys, root, tmp_path
         (["view", "{tmp}/valid"], "there is no report yet"),
         (["export", "{tmp}/valid", "--format", "docx"], "'docx' is not known; one of: mhd"),
         (["export", "{tmp}/valid", "--format", "mhd", "--twin", "a/b/0"], "'a/b/0' is not in the study"),
-        (["export", "{tmp}/valid", "--format", "mhd"], "twin.zarr.zip: no such file"),
+        (["export", "{tmp}/valid", "--format", "mhd"], "valid/results/a/full/0: there is no twin yet"),
+        (["export", "{tmp}/valid", "--format", "mhd", "--twin", "all"], "there is no twin yet"),
+        (["verify", "{tmp}/valid"], "results/provenance.json"),
+        (["verify", "{tmp}/nowhere"], "is no folder"),
         (["run", "{tmp}/invalid"], "did you mean 'edge_um'?"),
         (["run", "{tmp}/garbled"], "is not YAML"),
         (["run", "{tmp}/latin"], "config.yaml: is not UTF-8 text"),
@@ -458,6 +506,27 @@ def test_export_replaces_only_by_force(capsys, tmp_path):
     status, said, _ = grainfall(capsys, "export", folder)
     assert status == 0
     assert "statoil" in said
+
+
+def test_every_twin_is_exported_at_once(capsys, tmp_path):
+    (tmp_path / "config.yaml").write_text(
+        "samples: {a: {kind: synthetic, pixel_size_um: 2}}\nrealizations: 2"
+    )
+    bodies = pd.DataFrame(
+        {"id": [0], "kind": "grain", "phase": 1, "shape": 0, "scale": 5.0, "x": 1, "y": 2, "z": 3}
+    )
+    for n in (0, 1):
+        (tmp_path / f"results/a/full/{n}").mkdir(parents=True)
+        bodies.to_csv(tmp_path / f"results/a/full/{n}/bodies.csv", index=False)
+    export = ("export", tmp_path, "--format", "lammps", "--twin", "all")
+    assert grainfall(capsys, *export)[0] == 0
+    beside = sorted(tmp_path.glob("results/a/full/*/export/grains.data"))
+    assert len(beside) == 2
+    status, _, fault = grainfall(capsys, *export)
+    assert status == 1
+    assert "--force" in fault
+    assert grainfall(capsys, *export, "--to", tmp_path / "out")[0] == 0
+    assert sorted(path.parent.name for path in (tmp_path / "out").rglob("grains.data")) == ["0", "1"]
 
 
 @pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")

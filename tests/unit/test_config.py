@@ -263,6 +263,15 @@ def test_sweep_mistakes(tmp_path, schema, presets, text, words):
     assert "\n" not in str(fault.value)
 
 
+def test_a_row_of_a_sweep_does_not_take_the_place_of_what_runs_without_it(tmp_path, schema, presets):
+    (tmp_path / "sweep.tsv").write_text("variant\tscene.porosity\nfull\t0.4\n")
+    study = {"samples": "s.tsv", "sweep": str(tmp_path / "sweep.tsv")}
+    with pytest.raises(InputError, match="'full' is what a config without variants runs; another name"):
+        config.resolve(study, schema, presets)
+    (tmp_path / "sweep.tsv").write_text("variant\tscene.porosity\nfull\t\nless\t0.4\n")
+    assert list(config.resolve(study, schema, presets)["variants"]) == ["full", "less"]
+
+
 def test_a_length_in_grains_is_not_hidden_by_one_in_um(tmp_path, schema, presets):
     (tmp_path / "s.tsv").write_text(
         "variant\tscene.edge_grains\tscene.voxels_per_grain\nrow\t6\t\nfine\t\t24\n"

@@ -7,7 +7,7 @@ import tomllib
 import pytest
 import yaml
 
-from grainfall import config, io, provenance
+from grainfall import cli, config, io, provenance
 from grainfall.errors import InputError
 
 
@@ -60,7 +60,7 @@ def test_a_twin_tells_all_it_rests_on(study):
 
 def test_nothing_changed(study, root):
     assert changes(root) == []
-    assert provenance.main(["results"]) == 0
+    assert cli.run(["verify"]) == 0
 
 
 @pytest.mark.parametrize(
@@ -87,7 +87,7 @@ def test_change_of_a_file_in_plain_words(study, root, capsys, path, content, lin
     if content:
         (study / path).write_text(content)
     assert any(change.startswith(line) for change in changes(root)), changes(root)
-    assert provenance.main(["results"]) == 1
+    assert cli.run(["verify"]) == 1
     assert line in capsys.readouterr().out
 
 

@@ -20,7 +20,15 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from grainfall.errors import InputError
-from grainfall.section import Section, guess_kind, load_section, read_reference, read_section, write_section
+from grainfall.section import (
+    Section,
+    guess_kind,
+    load_section,
+    read_reference,
+    read_section,
+    stated_pixel_um,
+    write_section,
+)
 
 VALUES = np.array([[0, 128, 255, 255], [0, 0, 128, 255], [128, 0, 0, 0]], np.uint8)
 PHASES = {"pore": 0, "quartz": 128, "feldspar": 255}
@@ -736,3 +744,20 @@ def test_the_berea_volume(shared_data):
     volume, _ = read_reference(shared_data / "berea" / "berea_400_pore1.tif", 5.345, pore_value=1)
     assert volume.shape == (400, 400, 400)
     assert (volume == 0).mean() == pytest.approx(0.196453, abs=5e-7)
+
+
+@pytest.mark.parametrize(
+    ("options", "stated"),
+    [
+        ({"imagej": True, "resolution": (0.5, 0.5), "metadata": {"unit": "um"}}, (2, 2)),
+        ({"imagej": True, "resolution": (500, 1000), "metadata": {"unit": r"\u00B5m"}}, (0.002, 0.001)),
+        ({"imagej": True, "resolution": (2, 2), "metadata": {"unit": "furlong"}}, None),
+        ({"ome": True, "metadata": {"PhysicalSizeX": 0.5, "PhysicalSizeY": 500, "PhysicalSizeYUnit": "nm"}},
+         (0.5, 0.5)),
+        ({"resolution": (72, 72), "resolutionunit": "INCH"}, None),
+    ],
+)  # fmt: skip
+def test_what_a_tiff_says_of_its_pixels(tmp_path, options, stated):
+    path = tmp_path / "section.tif"
+    tifffile.imwrite(path, np.eye(8, dtype=np.uint8), **options)
+    assert stated_pixel_um(path) == (pytest.approx(stated) if stated else None)

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from conftest import ROOT, TINY, snakemake, write_config
-from grainfall import provenance
+from grainfall import cli
 
 OTHER = re.search(r"^```py\n(.*?)^```", (ROOT / "docs/tutorial.md").read_text(), re.MULTILINE | re.DOTALL)[1]
 """The Snakefile of the tutorial, which has the tiny study as its module."""
@@ -50,7 +50,7 @@ def test_what_it_rests_on_is_recorded_as_it_was_handed_over(other, monkeypatch, 
     done = run(other, "--", "rock_all")
     assert done.returncode == 0, done.stdout[-3000:]
     monkeypatch.chdir(other)
-    assert provenance.main(["results"]) == 0, capsys.readouterr().out
+    assert cli.run(["verify"]) == 0, capsys.readouterr().out
 
 
 def asked(said):

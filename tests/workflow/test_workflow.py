@@ -18,7 +18,7 @@ import zarr
 from outputs import outputs, unchunked
 
 from conftest import ROOT, TINY, planned, snakemake, write_config
-from grainfall import flow, io, packing, presets, provenance, stereology
+from grainfall import cli, flow, io, packing, presets, stereology
 from grainfall.export import FORMATS
 from grainfall.io import read_volume
 from grainfall.report import SUMMARY_COLUMNS
@@ -391,14 +391,14 @@ def test_the_scheduler_looks_for_jobs_no_more_often_than_it_says(finished, tmp_p
 
 def test_verify_says_what_changed(finished, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(finished)
-    assert provenance.main(["results"]) == 0, capsys.readouterr().out
+    assert cli.run(["verify"]) == 0, capsys.readouterr().out
     assert "nothing has changed" in capsys.readouterr().out
     folder = shutil.copytree(finished, tmp_path / "copy", ignore=shutil.ignore_patterns(".snakemake"))
     monkeypatch.chdir(folder)
     with (twin(folder) / "bodies.csv").open("a") as table:
         table.write("0,grain,1\n")
     write_config(folder, changed(seed=4))
-    assert provenance.main(["results"]) == 1
+    assert cli.run(["verify"]) == 1
     said = capsys.readouterr().out.splitlines()
     assert said[0] == "config: seed was 3, is 4"
     assert said[1] == "output: results/tiny/full/0/bodies.csv is not what rule twin wrote"

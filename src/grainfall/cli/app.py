@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shlex
 import tempfile
@@ -104,8 +105,14 @@ def run(
         bool, typer.Option("--unlock", help="Remove the lock of a run that was killed.")
     ] = False,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Show all that Snakemake says.")] = False,
+    target: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--target", "-t", help="Only this file, such as results/rock/sizes.csv; may be repeated."
+        ),
+    ] = None,
 ) -> None:
-    """Run a study, or resume where it stopped."""
+    """Run a study, or resume where it stopped. What does not need a job that failed is run all the same."""
     from grainfall.cli import study as studies
     from grainfall.cli.doctor import memory_limit
 
@@ -115,11 +122,12 @@ def run(
     if not os.access(opened.folder, os.W_OK):
         raise InputError(opened.folder, "may not be written to", "a folder of your own; results go into it")
     if dry_run:
-        say(_jobs(studies.jobs_left(opened)))
+        say(_jobs(studies.jobs_left(opened, target or ())))
         return
     # Jobs wait for one another where together they would need more than there is.
     at_once = ["--cores", cores, "--resources", f"mem_mb={round(0.9 * memory_limit() / 2**20)}"]
-    command = studies.snakemake(opened, *(["--unlock"] if unlock else at_once))
+    jobs = ["--keep-going", *at_once, "--", *(target or ())]
+    command = studies.snakemake(opened, *(["--unlock"] if unlock else jobs))
     with Progress(
         TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), console=out,
         disable=not out.is_terminal or verbose or unlock,
@@ -131,6 +139,7 @@ def run(
                 task, completed=known.done, total=known.total or None, description=known.rule or "starting"
             )
             said = line.startswith("[") and "] " in line and not line.endswith("]")
+            said |= line.startswith("grainfall: ")  # of a job that failed, while others go on
             step = not out.is_terminal and studies.STEPS.match(line)
             if verbose or said or step:
                 out.print(line)
@@ -143,6 +152,8 @@ def run(
         )
     report = opened.results / "report.html"
     done = f"Done: {report}. Look at it: grainfall view {shlex.quote(str(study))}"
+    if target:
+        done = f"Done: {', '.join(target)}."
     out.print("Unlocked." if unlock else done)
 
 
@@ -210,7 +221,7 @@ def export(
         list[str] | None, typer.Option("--format", "-f", help="One of those listed; may be repeated.")
     ] = None,
     twin: Annotated[
-        str | None, typer.Option(help="SAMPLE/VARIANT/REALIZATION; the first twin if omitted.")
+        str | None, typer.Option(help="SAMPLE/VARIANT/REALIZATION, or all; the first twin if omitted.")
     ] = None,
     to: Annotated[
         Path | None, typer.Option(help="Folder to write to; export/ beside the twin if omitted.")
@@ -233,22 +244,47 @@ def export(
         if name not in FORMATS:
             raise InputError("--format", f"'{name}' is not known", f"one of: {', '.join(FORMATS)}")
     twins = ["/".join(map(str, t)) for t in opened.twins]
-    chosen = twins[0] if twin is None else twin
-    if chosen not in twins:
-        raise InputError("--twin", f"'{chosen}' is not in the study", f"one of: {', '.join(twins[:5])}")
-    source = opened.results / chosen
-    coarsen = config.variant(opened.config, source.parent.name)["network"]["coarsen"]
-    folder = to or source / "export"
-    there = [folder / file for name in format for file in FORMATS[name].files if (folder / file).exists()]
-    if there and not force:
+    if twin not in (None, "all", *twins):
+        raise InputError("--twin", f"'{twin}' is not in the study", f"all, or one of: {', '.join(twins[:5])}")
+    sources = {name: opened.results / name for name in (twins if twin == "all" else [twin or twins[0]])}
+    for source in sources.values():
+        if not (source / "bodies.csv").is_file():  # of the rule that makes a twin's volume, too
+            raise InputError(source, "there is no twin yet", f"grainfall run {study} makes it")
+    folders = {
+        name: to / name if to and twin == "all" else to or source / "export"
+        for name, source in sources.items()
+    }
+    files = {folder / file for name in format for file in FORMATS[name].files for folder in folders.values()}
+    if (there := sorted(filter(Path.exists, files))) and not force:
         raise InputError(there[0], "is there already", "--to another folder, or --force to replace it")
-    beside = next(path for path in (folder, *folder.absolute().parents) if path.is_dir())
-    with tempfile.TemporaryDirectory(prefix=".export-", dir=beside) as part:
-        files = export_twin(Twin(source, source.parents[1] / "grains3d", coarsen), part, format)
-        folder.mkdir(parents=True, exist_ok=True)  # not before there is something to lie in it
-        for file in files:
-            file.replace(folder / file.name)
-            out.print(str(folder / file.name))
+    for name, folder in folders.items():
+        source = sources[name]
+        coarsen = config.variant(opened.config, source.parent.name)["network"]["coarsen"]
+        beside = next(path for path in (folder, *folder.absolute().parents) if path.is_dir())
+        with tempfile.TemporaryDirectory(prefix=".export-", dir=beside) as part:
+            written = export_twin(Twin(source, source.parents[1] / "grains3d", coarsen), part, format)
+            folder.mkdir(parents=True, exist_ok=True)  # not before there is something to lie in it
+            for file in written:
+                file.replace(folder / file.name)
+                out.print(str(folder / file.name))
+
+
+@app.command()
+def verify(study: Folder = Path(".")) -> None:
+    """Say what has changed since a study was run (files, config, code, packages); status 1 if any has."""
+    from grainfall import provenance
+    from grainfall.cli import study as studies
+
+    if not study.is_dir():
+        raise InputError(study, "is no folder", "the folder in which results/ lies")
+    with contextlib.chdir(study):  # which paths in the records start from
+        changes, compared = provenance.verify("results", studies.house())
+    for line in changes:
+        out.print(line)
+    count = f"{compared} files compared with {study / 'results' / provenance.NAME}"
+    out.print(f"{count}: {len(changes)} differences" if changes else f"{count}: nothing has changed")
+    if changes:
+        raise typer.Exit(1)
 
 
 @app.command()

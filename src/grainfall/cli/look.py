@@ -18,7 +18,7 @@ from grainfall import grains, io, morphology, packing, random, stereology
 from grainfall.cli.costs import SOURCE, Cost, Costs
 from grainfall.cli.study import CONFIGS, check_braces, resolved, schema
 from grainfall.errors import InputError
-from grainfall.section import Section, guess_kind, read_section
+from grainfall.section import Section, guess_kind, read_section, stated_pixel_um
 from grainfall.surface import alignment, left_open, lies_aligned, sampling_errors
 
 LENGTHS_UM = {"": 1.0, "um": 1.0, "µm": 1.0, "μm": 1.0, "nm": 1e-3, "mm": 1e3}
@@ -353,11 +353,12 @@ def described(found: Findings) -> list[str]:
     box = f"a box of {found.edge_um:g} um, voxels of {found.voxel_size_um:g} um"
     errors, aligned = sampling_errors(found.section.phase), lies_aligned(alignment(found.section.phase))
     return [
-        f"{found.image.name}: {width} x {height} pixels of {pixel:g} um.",
+        f"{found.image.name}: {width} x {height} pixels of {pixel:g} um.{_otherwise(found)}",
         f"Taken for kind {found.kind}: {found.reason}.{_pore_taken(found)}",
         f"Porosity {found.summary['porosity']:.4f}; of the solid: {shares}.",
         f"{found.summary['n_grains']} grains, {found.summary['n_grains_uncut']} of them whole; mean radius "
         f"{found.radius2d_um:.3g} um in the section, {found.radius3d_um:.3g} um in space.",
+        *([_few(whole)] if (whole := found.summary["n_grains_uncut"]) < ENOUGH else []),
         f"{left_open(errors.k, errors.porosity)}.",
         *([f"{aligned}."] if aligned else []),
         f"Suggested: preset {found.preset}, {box}.",
@@ -368,13 +369,43 @@ def described(found: Findings) -> list[str]:
     ]
 
 
+ENOUGH = 50
+"""Whole grains below which the sizes are said to rest on few."""
+
+
+def _few(whole: int) -> str:
+    """What to know of a section that shows few whole grains."""
+    rest = "rest on a single whole grain" if whole == 1 else f"rest on {whole} whole grains"
+    return (
+        f"Sizes and shapes {rest}, and how far that is off is not in what follows: of a mineral, 200 "
+        "leave the sizes open by 5 % (docs/choosing.md)."
+    )
+
+
+def _otherwise(found: Findings) -> str:
+    """What the file says of its pixels, where that is something else."""
+    given = found.section.pixel_size_um
+    stated = stated_pixel_um(found.image)
+    if stated is None or np.allclose(stated, given, rtol=0.01):
+        return ""
+    x, y = stated
+    if not math.isclose(x, y, rel_tol=0.01):
+        return f" The file gives its pixels as {x:g} x {y:g} um: make them square first."
+    return f" The file itself gives its pixels as {x:g} um, and K goes as their square."
+
+
 def _pore_taken(found: Findings) -> str:
     """What was taken for the pore where nobody said it: images of bright pores are as common."""
     if {"pore_value", "phases"} & found.row.keys():
         return ""
     if found.kind == "binary":
         return " The lower value is taken for the pore; if it is the other, say --pore-value."
-    return " The darkest class is taken for the pore." if found.kind == "grey" else ""
+    if found.kind == "phases":
+        return " The value 0 is taken for the pore, the others for minerals; if not, say --phases."
+    if found.kind == "grey":
+        levels = ", ".join(f"{level:g}" for level in found.section.notes["multi_otsu_thresholds"])
+        return f" The darkest class is taken for the pore, parted at {levels}."
+    return ""
 
 
 def duration(seconds: float) -> str:

@@ -93,6 +93,8 @@ def open_study(folder: str | Path, *, files: bool = True) -> Study:
         When there is no config, or at the first fault in it: before any job runs.
     """
     folder = Path(folder).resolve()
+    if folder.is_file() and folder.name in CONFIGS:
+        folder = folder.parent  # its config was named
     configs = [folder / name for name in CONFIGS if (folder / name).is_file()]
     if not configs:
         raise InputError(folder, "holds no config.yaml", "grainfall new STUDY makes one")
@@ -228,15 +230,15 @@ def _started(command: Sequence[str]) -> Iterator[subprocess.Popen]:
         process.wait()
 
 
-def jobs_left(study: Study) -> dict[str, int]:
-    """Rules that a run would run now, with their numbers of jobs; empty when everything is done.
+def jobs_left(study: Study, targets: Sequence[str] = ()) -> dict[str, int]:
+    """Rules that a run would run now, with their numbers of jobs; empty when everything, or these, is done.
 
     Raises
     ------
     InputError
         When Snakemake cannot tell.
     """
-    command = snakemake(study, "--dry-run", "--nolock", "--quiet", "host")
+    command = snakemake(study, "--dry-run", "--nolock", "--quiet", "host", "--", *targets)
     lines: list[str] = []
     status, known = follow(command, lambda line, _: lines.append(line))
     if status:

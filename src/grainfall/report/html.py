@@ -419,7 +419,9 @@ def _facts(r: Results) -> list[tuple[str, str]]:
         ]
         facts.append(("Minerals, shares of the solid", ", ".join(shares)))
     if about.get("n_grains") is not None:
-        facts.append(("Grains in the section", number(about["n_grains"])))
+        whole = about.get("n_grains_uncut")
+        counted = number(about["n_grains"]) + ("" if whole is None else f", {number(whole)} of them whole")
+        facts.append(("Grains in the section", counted))
     for key, value in (about.get("notes") or {}).items():
         words = _words(key)
         facts.append((words[:1].upper() + words[1:], _plain(value)))

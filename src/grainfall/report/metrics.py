@@ -280,6 +280,10 @@ def within(bodies: pd.DataFrame, shape_zyx: Sequence[int], voxel_size_um: float)
     return bodies[((centre >= 0) & (centre < np.array(shape_zyx[::-1]) * voxel_size_um)).all(axis=1)]
 
 
+FEWEST = 10
+"""Objects of a section that tell what chance would give."""
+
+
 def section_comparison(
     section_grains: pd.DataFrame | None,
     section_pores: pd.DataFrame | None,
@@ -299,7 +303,8 @@ def section_comparison(
         The same, measured on slices of the twin.
     rng : numpy.random.Generator, optional
         Where given, each distance comes with a target: the 95 % quantile of the distance between two samples,
-        of the two sizes at hand, both drawn from the section (what chance alone gives).
+        of the two sizes at hand, both drawn from the section (what chance alone gives); none where the
+        section shows fewer than :data:`FEWEST` objects, whose draws are all alike.
     repeats : int
         Draws behind that quantile.
     twin_bodies : mapping of int to int, optional
@@ -328,7 +333,7 @@ def section_comparison(
             return
         (a, wa), (b, wb) = one, two
         found[name] = scipy.stats.wasserstein_distance(a, b, wa, wb)
-        if rng is not None:
+        if rng is not None and len(a) >= FEWEST:
             independent = len(b) if bodies is None else min(len(b), max(1, bodies))
             draws = [
                 scipy.stats.wasserstein_distance(

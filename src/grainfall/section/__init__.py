@@ -22,6 +22,7 @@ __all__ = [
     "read_section",
     "resample",
     "simulate_tomogram",
+    "stated_pixel_um",
     "synthesise",
     "write_section",
 ]
@@ -29,7 +30,7 @@ __all__ = [
 
 def __getattr__(name: str):
     # written out, not by lazy_loader: the graph of imports, by which edits rerun jobs, must see these
-    if name == "guess_kind":
+    if name in ("guess_kind", "stated_pixel_um"):
         import grainfall.section.guess as late
     elif name in ("Mineral", "Truth", "synthesise"):
         import grainfall.section.synthetic as late

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import re
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +18,42 @@ PIECES = 1.5
 """Most connected pieces a value of an outlined section has on average: a grain is one, cut ones are a few."""
 WINDOW = 2048
 """Pixels along each axis that the judgement looks at."""
+
+UNITS_UM = {
+    "nm": 1e-3,
+    "um": 1,
+    "µm": 1,
+    "μm": 1,
+    r"\u00b5m": 1,
+    "micron": 1,
+    "microns": 1,
+    "mm": 1e3,
+    "cm": 1e4,
+}
+"""Units of length as ImageJ and OME write them."""
+
+
+def stated_pixel_um(path: str | Path) -> tuple[float, float] | None:
+    """Edges x and y (um) of a pixel by a TIFF's own account, ImageJ's or OME's; None where it gives none.
+
+    Resolutions in dots are of no use: most are a printer's.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in (".tif", ".tiff"):
+        return None
+    import tifffile
+
+    # what cannot be understood is nobody's mistake here
+    with contextlib.suppress(KeyError, ValueError, ZeroDivisionError), tifffile.TiffFile(path) as tif:
+        if tif.ome_metadata:
+            given = dict(re.findall(r'PhysicalSize([XY](?:Unit)?)="([^"]*)"', tif.ome_metadata))
+            x, y = (float(given[axis]) * UNITS_UM[given.get(f"{axis}Unit", "µm")] for axis in "XY")
+            return x, y
+        if tif.imagej_metadata:
+            unit = UNITS_UM[str(tif.imagej_metadata["unit"]).lower()]
+            x, y = (unit / per for per in tif.pages.first.get_resolution())
+            return x, y
+    return None
 
 
 def guess_kind(path: str | Path, array: str | None = None) -> tuple[str, str]:

@@ -212,7 +212,11 @@ def _plain_shape(path: Path, shape: Sequence[int], ndim: int) -> tuple[int, ...]
 
 
 def _colour(path: Path, what: str) -> InputError:
-    return InputError(path, f"{what} image, one grey or label channel is needed", "convert it to one channel")
+    return InputError(
+        path,
+        f"{what} image, one grey or label channel is needed",
+        "a number for each phase (kind phases), which config/README.md shows how to make of colours",
+    )
 
 
 def _check_declared(path: Path, shape: Sequence[int], dtype: np.dtype, ndim: int, max_pixels: int) -> None:
