@@ -23,8 +23,6 @@ def match_density(
     target: float,
     tolerance: float = 0.01,
     max_passes: int = 4,
-    *,
-    tapping: bool = True,
 ) -> str:
     """Feedback on lubrication, then on taps, until the porosity is within the tolerance of the target.
 
@@ -48,8 +46,6 @@ def match_density(
         Largest ``|porosity - target|`` that ends the passes.
     max_passes : int
         At most so many packings.
-    tapping : bool
-        Whether beds may be tapped.
 
     Returns
     -------
@@ -74,7 +70,7 @@ def match_density(
                 slick = factor, found
             if rough[1] <= slick[1]:
                 break  # scatter between packings is all that is left between the two
-    elif tapping:
+    else:
         few, many, taps = (0, found), None, FIRST_TAPS
         while left and abs(nearest - target) > tolerance and taps not in (few[0], many and many[0]):
             found = porosity_with(SLICK, taps)
@@ -91,5 +87,4 @@ def match_density(
             taps = 2 * taps if many is None else (few[0] + many[0]) // 2
     if abs(nearest - target) <= tolerance:
         return ""
-    means = "lubrication and tapping" if tapping else "lubrication"
-    return f"{means} came to {nearest:.4f} in {max_passes - left} passes, target {target:.4f}"
+    return f"lubrication and tapping came to {nearest:.4f} in {max_passes - left} passes, target {target:.4f}"

@@ -111,6 +111,4 @@ def _circles(table: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
 
 def _quantile(radii: np.ndarray, area: np.ndarray) -> float:
     """Smallest radius up to which :data:`QUANTILE` of the area lies."""
-    order = np.argsort(radii, kind="stable")
-    up_to = np.cumsum(area[order])
-    return float(radii[order][np.searchsorted(up_to, QUANTILE * up_to[-1])])
+    return float(np.quantile(radii, QUANTILE, weights=area, method="inverted_cdf"))

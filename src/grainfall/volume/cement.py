@@ -34,8 +34,6 @@ def cement(
     voxel_size_um: float,
     target: float,
     label: int,
-    *,
-    threads: int = 1,
 ) -> tuple[np.ndarray, np.ndarray, dict]:
     """Bodies as voxels, cemented down to the target porosity.
 
@@ -54,8 +52,6 @@ def cement(
         Porosity wanted; nothing grows where it is reached, or where the region holds no grain.
     label : int
         Phase of the cement.
-    threads : int
-        Slabs voxelised at the same time.
 
     Returns
     -------
@@ -68,7 +64,7 @@ def cement(
     """
     started = time.perf_counter()
     shape = tuple(int(n) for n in shape)
-    phase, body = voxelise(bodies, library, shape, voxel_size_um, threads=threads)
+    phase, body = voxelise(bodies, library, shape, voxel_size_um)
     before = porosity(phase)
     rim = 0.0
     if _missing(phase, target) > 0 and phase.any():
@@ -77,7 +73,7 @@ def cement(
         margin = int(np.ceil(np.sqrt(_last_shell(voxels, _missing(phase, target))))) + 1
         wide = tuple(n + 2 * margin for n in shape)
         origin = (-margin * voxel_size_um,) * 3
-        around = voxelise(bodies, library, wide, voxel_size_um, origin, threads=threads)
+        around = voxelise(bodies, library, wide, voxel_size_um, origin)
         within = (slice(margin, -margin),) * 3
         for whole, part in zip(around, (phase, body), strict=True):
             whole[within] = part  # the same grains to the last voxel, whatever the shifted origin rounds to

@@ -12,7 +12,6 @@ counted twice.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from math import ceil, floor, prod, sqrt
 from typing import Protocol
 
@@ -41,11 +40,6 @@ def voxelise(
     shape: tuple[int, int, int],
     voxel_size_um: float,
     origin_um: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    sphere_label: int = VIRTUAL,
-    *,
-    slab: int = 64,
-    threads: int = 1,
-    out: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Voxelise bodies: the phase and the body of every voxel.
 
@@ -62,19 +56,11 @@ def voxelise(
         Edge of a voxel.
     origin_um : (x, y, z)
         Corner of the region; voxel i has its centre at origin + (i + 0.5) voxel_size_um.
-    sphere_label : int
-        Phase written for virtual bodies.
-    slab : int
-        Planes scanned at a time; changes memory, never the result.
-    threads : int
-        Slabs scanned at the same time; changes time, never the result.
-    out : (phase, body), optional
-        Arrays to fill (a memory map where the volume is large), uint8 and int32, C order.
 
     Returns
     -------
     phase : (nz, ny, nx) uint8
-        0 pore, the body's phase, or ``sphere_label`` for virtual bodies.
+        0 pore, the body's phase, or :data:`VIRTUAL` for virtual bodies.
     body : (nz, ny, nx) int32
         Body id + 1, 0 pore.
 
@@ -88,12 +74,9 @@ def voxelise(
     -----
     Where bodies overlap, grains win over virtual ones, and among equals the lower id wins.
     """
-    scene = _Scene(bodies, library, voxel_size_um, origin_um, sphere_label)
     shape = tuple(int(n) for n in shape)
-    phase, body = out if out is not None else (np.empty(shape, np.uint8), np.empty(shape, np.int32))
-    starts = range(0, shape[0], slab)
-    with ThreadPoolExecutor(max(1, threads)) as pool:
-        list(pool.map(lambda z: scene.fill(z, phase[z : z + slab], body[z : z + slab]), starts))
+    phase, body = np.empty(shape, np.uint8), np.empty(shape, np.int32)
+    _Scene(bodies, library, voxel_size_um, origin_um).fill(0, phase, body)
     return phase, body
 
 
@@ -103,14 +86,14 @@ def voxelise_slabs(
     shape: tuple[int, int, int],
     voxel_size_um: float,
     origin_um: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    sphere_label: int = VIRTUAL,
     *,
     slab: int = 64,
     planes: tuple[int, int] | None = None,
 ) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
     """Voxelise slab by slab where the whole volume should not be held at once.
 
-    Parameters are those of :func:`voxelise`, and ``planes``: start and stop of those wanted, all if omitted.
+    Parameters are those of :func:`voxelise`, ``slab``: planes at a time, which changes memory and never the
+    result, and ``planes``: start and stop of those wanted, all if omitted.
 
     Yields
     ------
@@ -118,7 +101,7 @@ def voxelise_slabs(
         First plane of the slab.
     phase, body : (<= slab, ny, nx) uint8 and int32
     """
-    scene = _Scene(bodies, library, voxel_size_um, origin_um, sphere_label)
+    scene = _Scene(bodies, library, voxel_size_um, origin_um)
     start, stop = planes or (0, shape[0])
     for z in range(start, stop, slab):
         part = (min(slab, stop - z), *shape[1:])
@@ -201,7 +184,7 @@ def porosity_about(
 class _Scene:
     """Bodies in order of precedence, in voxel units where centre i lies at i."""
 
-    def __init__(self, bodies, library, voxel_size_um, origin_um, sphere_label):
+    def __init__(self, bodies, library, voxel_size_um, origin_um):
         unknown = set(bodies["kind"]) - {"grain", "virtual"}
         if unknown:
             raise ValueError(f"unknown kind of body: {sorted(map(str, unknown))}")
@@ -215,7 +198,7 @@ class _Scene:
             raise ValueError("scale, position or orientation of a body is not finite")
         self.shapes = bodies["shape"].to_numpy(np.int64)
         self.labels = bodies["id"].to_numpy(np.int64).astype(np.int32) + np.int32(1)
-        self.phases = np.where(virtual, sphere_label, bodies["phase"].to_numpy()).astype(np.uint8)
+        self.phases = np.where(virtual, VIRTUAL, bodies["phase"].to_numpy()).astype(np.uint8)
         self.scale = figures[:, 0] / voxel_size_um
         self.centre = (figures[:, 1:4] - np.asarray(origin_um, float)) / voxel_size_um - 0.5
         turn = scipy.spatial.transform.Rotation.from_quat(figures[:, 4:], scalar_first=True)
