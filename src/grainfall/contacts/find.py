@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from grainfall.contacts.distance import bounding_radii, closest_points, collided
+from grainfall.contacts.distance import Hulls, bounding_radii, closest_points, collided
 from grainfall.packing.parameters import Parameters
 from grainfall.volume import adjacent_pairs
 
