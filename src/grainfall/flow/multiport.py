@@ -19,7 +19,7 @@ CLOSE = 5e-3
 """Residual of the local solutions, begun from those of coarser grids, of which a third of it is asked."""
 
 UNSURE = 0.1
-"""Share of a power that the residual may make: its square is that of the error, about."""
+"""Share of a power that the residual may make, which is off by its square at least."""
 
 SINGLE = 2e-6
 """Residual that single precision cannot go below."""

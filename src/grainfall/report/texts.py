@@ -82,10 +82,10 @@ TEXTS = {
         "What carries the grains",
         "Packing",
         "Left: contacts between grains in a slab two mean grains thick through the middle of the twin, seen "
-        "from the side: lines join two centres, as thick as the force between them in the second packing. "
-        "Contacts that carry nothing are thin grey lines. Right: the forces of all contacts that carry, "
-        "those of the margin around the twin among them, up to six times their mean; the share of larger "
-        "ones stands in the corner.",
+        "from the side: lines join two centres, as thick as the force between them in the second packing, "
+        "from a sixth of the mean to five times. Contacts that carry nothing are thin grey lines. Right: the "
+        "forces of all contacts that carry, those of the margin around the twin among them, up to six times "
+        "their mean; the share of larger ones stands in the corner.",
         "A network of lines between grain centres, thicker where the contact force is larger.",
         "The contacts have not been found yet.",
     ),
