@@ -43,8 +43,8 @@ from grainfall.report.validation import (
     CUBES,
     PAPER,
     describe,
+    mean_s2,
     network_sizes,
-    radial,
 )
 
 DASHED, DOTTED = (0, (4, 1.5)), (0, (1, 1.2))
@@ -460,7 +460,7 @@ S2_OF_TRUTH = ("reference_s2.csv", f"{CUBES}/reference_s2.csv")
 
 def _s2_ensemble(axes, cases: Cases, case: str, variants: Sequence[tuple]) -> bool:
     """S2 in 3D: mean and range of the truths' cubes, and of each variant every twin and their mean."""
-    truth = [radial(path) for name in S2_OF_TRUTH for path in cases.paths(case, name)]
+    truth = [mean_s2(path) for name in S2_OF_TRUTH for path in cases.paths(case, name)]
     if not truth or not cases.paths(case, "*/*/s2_volume.csv"):
         return False
     grid = truth[0][0][truth[0][0] <= 0.5 * truth[0][0][-1]]
@@ -469,7 +469,7 @@ def _s2_ensemble(axes, cases: Cases, case: str, variants: Sequence[tuple]) -> bo
         return np.interp(grid, *curve)
 
     for variant, colour, style, label in variants:
-        own = [on(radial(path)) for path in cases.paths(case, f"{variant}/*/s2_volume.csv")]
+        own = [on(mean_s2(path)) for path in cases.paths(case, f"{variant}/*/s2_volume.csv")]
         for curve in own:
             axes.plot(grid, curve, color=to_rgba(colour, 0.25), lw=0.7, ls=style)
         if own:
@@ -506,7 +506,7 @@ def sample1_s2(cases: Cases) -> Figure | None:
         off = []
         for sample in cases.samples["stereology"]:
             own, truth = (
-                [radial(p) for name in names for p in sorted((cases.root / sample).glob(name))]
+                [mean_s2(p) for name in names for p in sorted((cases.root / sample).glob(name))]
                 for names in ([f"{variant}/*/s2_volume.csv"], S2_OF_TRUTH)
             )
             if own and truth:
@@ -743,7 +743,7 @@ def sample3_analysis(cases: Cases) -> Figure | None:
     section = correlation.s2_image(r.section_phase > 0)
     lags = _cloud(panels[2], solid, voxel, FIRST, "tomogram, 20 slices", 0)
     _cloud(panels[2], twin, _voxel(r), TWIN, "twin, 20 slices", 1)
-    rock = radial(r.path("sample:reference_s2.csv"))
+    rock = mean_s2(r.path("sample:reference_s2.csv"))
     panels[2].plot(*rock, color=TRUTH, ls=DASHED, lw=2, label="the rock, 3D")
     panels[2].plot(np.arange(len(section)) * r.pixel_size_um, section, color=SECTION, lw=1.2, label="section")
     panels[2].set(xlim=(0, lags[-1] / 2), xlabel="lag (µm)", ylabel="S₂ of the solid (probability)")
@@ -772,7 +772,7 @@ def berea(cases: Cases) -> Figure | None:
         _bar(axes, n * pixel)
     handles = figures.mineral_handles(r.twin_phases)
     grid[1].legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.02), ncols=2, fontsize=7)
-    lags, s2 = radial(cases.root / "data/berea/reference_s2.csv")
+    lags, s2 = mean_s2(cases.root / "data/berea/reference_s2.csv")
     _s2_twins(grid[2], cases, lags[lags < 0.4 * r.pixel_size_um * 200])
     grid[2].plot(lags, s2, color=TRUTH, ls=DASHED, lw=2.2, label="Berea")
     grid[2].legend()
@@ -806,7 +806,7 @@ def berea(cases: Cases) -> Figure | None:
 
 
 def _s2_twins(axes, cases: Cases, grid: np.ndarray) -> None:
-    own = [radial(p) for p in cases.paths("berea", "full/*/s2_volume.csv")]
+    own = [mean_s2(p) for p in cases.paths("berea", "full/*/s2_volume.csv")]
     for curve in own:
         axes.plot(grid, np.interp(grid, *curve), color=to_rgba(TWIN, 0.35), lw=0.8)
     if own:

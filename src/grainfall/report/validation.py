@@ -306,7 +306,7 @@ def _of_references(folders: Sequence[Path]) -> dict:
     if not cubes:
         return {}
     k = [_flow(folder / "reference_flow.csv") for folder in cubes]
-    curves = [radial(folder / "reference_s2.csv") for folder in cubes]
+    curves = [mean_s2(folder / "reference_s2.csv") for folder in cubes]
     sizes = [network_sizes(folder / "reference_network") for folder in cubes]
     s2 = _mean_curve(curves)
     return {
@@ -374,7 +374,7 @@ def _over(value: float, aim: float | None) -> float | None:
     return value / aim if aim else None
 
 
-def radial(path: Path) -> tuple[np.ndarray, np.ndarray]:
+def mean_s2(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Lags and S2, mean of the three axes, of an S2 table."""
     return correlation.along_axes(io.read_table(path))
 
@@ -469,7 +469,7 @@ def _of_twin(folder: Path, truth: Mapping) -> dict[str, tuple]:
         **_flow_figures(k, k_ref),
         # at one porosity K goes as the inverse square of the solid's surface by its volume
         "k_at_equal_surface": (k_ratio and seen and k_ratio * seen**2, 1.0),
-        "s2_gap": _s2_gap(radial(folder / "s2_volume.csv"), truth),
+        "s2_gap": _s2_gap(mean_s2(folder / "s2_volume.csv"), truth),
         **_pore_figures(network_sizes(folder / "network"), sizes),
         "circle_r95_um": (
             _circle_tail(folder / "pores2d.csv"),
@@ -590,7 +590,7 @@ def _of_tomogram(sample: Path) -> dict[str, tuple]:
         "porosity": (about["porosity"], truth["porosity"]),
         "phantom": (about["phantom"], 0.0),
         **_flow_figures(k, k_ref),
-        "s2_gap": _s2_gap(radial(folder / "reference_s2.csv"), truth),
+        "s2_gap": _s2_gap(mean_s2(folder / "reference_s2.csv"), truth),
         **_pore_figures(network_sizes(folder / "reference_network"), truth["sizes"]),
         **_of_envelope(folder / ENVELOPE, sample / REFERENCE_ENVELOPE),
     }
