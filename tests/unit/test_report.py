@@ -1125,3 +1125,21 @@ def test_grains_are_held_against_the_section_as_large_as_they_were_drawn(tmp_pat
     io.write_json(twin / "cement.json", {"room": 0.9, "compaction": {"factor": 1.2}})
     after = drawn_grains(Results(root, "demo", "full", 0))
     assert after["scale"].to_numpy() == pytest.approx(before["scale"].to_numpy() / 1.08)
+
+
+def test_several_samples_stand_side_by_side(tree, tmp_path):
+    root = shutil.copytree(tree, tmp_path / "two")
+    shutil.copytree(root / "demo", root / "other")
+    summary = pd.read_csv(root / "summary.csv")
+    pd.concat([summary, summary.assign(sample="other", porosity=0.25)]).to_csv(
+        root / "summary.csv", index=False
+    )
+    build_report(root, ["demo", "other"], root / "report.html")
+    page = (root / "report.html").read_text()
+    table = page[page.index('aria-label="All samples"') :].partition("</table>")[0]
+    rows = [re.sub(r"<[^>]+>", " ", row).split() for row in table.split("<tr>")[2:]]
+    assert {row[0] for row in rows} == {"demo", "other"}
+    assert all("0.25" in row for row in rows if row[0] == "other")
+    assert 'href="#sample-1"' in table
+    build_report(root, ["demo"], root / "report.html")
+    assert "All samples" not in (root / "report.html").read_text()

@@ -30,6 +30,11 @@ COMPARED = (
     "rattlers", "max_overlap", "wall_s",
 )  # fmt: skip
 """Columns of summary.csv that ensembles are compared by: those that each twin has of its own."""
+OVERVIEW = (
+    ("porosity", "porosity"), ("k_x_md", "K along x (mD)"), ("k_y_md", "K along y (mD)"),
+    ("k_z_md", "K along z (mD)"), ("coordination", "contacts per grain"), ("s2_envelope_p", "p of S₂"),
+)  # fmt: skip
+"""Columns of summary.csv that samples stand side by side with, and their heads."""
 GALLERY = 8
 """Grains shown with their masks."""
 PACKED = ("twin:first/volume.zarr.zip", "twin:second/volume.zarr.zip", "twin:twin.zarr.zip")
@@ -329,6 +334,8 @@ def build_report(
         title=title,
         version=__version__,
         samples=parts,
+        overview=_overview(root, parts),
+        overview_heads=[head for _, head in OVERVIEW],
         plotly=plotly.offline.get_plotlyjs() if any(p["view"] for p in parts) else None,
     )
     io.write_text(out, page)
@@ -382,6 +389,30 @@ def _sample_part(root: Path, name: str, index: int, variants, realizations, draw
         "comparison": _comparison(_summary(r)),
         "view": _view(r),
     }
+
+
+def _overview(root: Path, parts: list[dict]) -> list[dict]:
+    """A row for every ensemble of every sample, where there are several samples: means and how much they
+    scatter."""
+    path = root / "summary.csv"
+    if len(parts) < 2 or not path.exists():
+        return []
+    table = intervals(io.read_table(path), [name for name, _ in OVERVIEW])
+    rows = []
+    for part in parts:
+        of = table[table["sample"] == part["name"]]
+        for (variant, engine), found in of.groupby(["variant", "engine"], sort=False):
+            cells = found.set_index("metric").to_dict("index")
+            rows.append(
+                {
+                    "sample": part["name"],
+                    "anchor": part["anchor"],
+                    "ensemble": f"{variant} ({engine})",
+                    "n": int(found["n"].max()),
+                    "cells": [cells.get(name) for name, _ in OVERVIEW],
+                }
+            )
+    return rows
 
 
 def _twins(folder: Path, variants, realizations) -> list[tuple[str, int]]:
