@@ -71,7 +71,8 @@ def find_contacts(
         A row a pair, by ids: grain_a < grain_b, phase_a, phase_b; x, y, z (um, midway between the closest
         points); nx, ny, nz (unit normal from a to b); area_um2 (of the voxel faces that the two share within
         the volume, so too little where a face of the volume cuts the contact; empty where none of it is
-        inside); force_n (normal force, 0 where the two touch and carry nothing; empty without ``forces``);
+        inside); force_n (normal force, under the weights that heavy bodies were given in the packing, 0 where
+        the two touch and carry nothing; empty without ``forces``);
         gap_um (negative: depth of penetration).
     """
     grains = bodies[bodies["kind"] == "grain"]

@@ -215,6 +215,9 @@ BOUNCY = 0.8
 """Coefficient of restitution up to which grains are waited for until they have bounced out: that takes
 (1 + e) / (1 - e) times as long as their fall, without bound."""
 
+FRESH = 0.6
+"""Solid fraction that grains are reckoned with until they lie: how high a volume of them will come."""
+
 FALLING = 1.0
 """Speed, engine units / s, above which a body still falls: that of a fall over a twentieth of a radius."""
 
@@ -363,7 +366,7 @@ class _Deposition:
 
     def _expected(self) -> int:
         volume = 4 / 3 * np.pi * (self.radius**3).mean()
-        return int(self.sides.prod() * self.height * 0.6 / volume)
+        return int(self.sides.prod() * self.height * FRESH / volume)
 
     def _wanted(self, active: np.ndarray) -> bool:
         """Whether another batch is needed and the zone of release is clear."""
@@ -374,7 +377,7 @@ class _Deposition:
             if (tops[falling] > self._top() + self.parameters.drop_height).any():
                 return False
         in_flight = 4 / 3 * np.pi * (bed.radius[active] ** 3).sum()
-        return self._surface() + in_flight / (0.6 * self.sides.prod()) < self.height
+        return self._surface() + in_flight / (FRESH * self.sides.prod()) < self.height
 
     def _survey(self) -> None:
         """Heights of the fixed bed: tops over the whole box, centres over the ROI (a lone grain's top is not
@@ -405,7 +408,7 @@ class _Deposition:
         """Place the next batch at random in the zone of release, without overlap."""
         p, bed = self.parameters, self.bed
         batch, volume, bounds = [], 0.0, 0.0
-        wanted = p.batch_layers * 2 * self.sides.prod() * 0.6
+        wanted = p.batch_layers * 2 * self.sides.prod() * FRESH
         while volume < wanted:
             row = (self.next + len(batch)) % len(self.kind)
             batch.append(row)

@@ -58,8 +58,8 @@ def settle(
     bodies : DataFrame
         The same bodies (ids as given) where they came to rest.
     report : dict
-        As :func:`relax` gives it, with ``moved_mean`` and ``moved_max`` (mean grain radii), ``wall_s``, and
-        ``forces`` (a DataFrame of ids a < b and force_n).
+        As :func:`relax` gives it, with ``moved_mean`` and ``moved_max`` (mean grain radii), ``max_overlap``,
+        ``mean_overlap``, ``escaped``, ``wall_s``, and ``forces`` (a DataFrame of ids a < b and force_n).
     """
     started = time.perf_counter()
     bed = Bed.of(bodies, library, box, parameters)
