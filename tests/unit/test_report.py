@@ -828,6 +828,13 @@ def test_fewer_independent_bodies_widen_the_bound():
     assert bounds[1] > bounds[0]
 
 
+def test_so_few_grains_that_all_draws_are_alike_bound_nothing():
+    one, twin = (grain_table(np.random.default_rng(n), size, 12) for n, size in ((1, 1), (2, 300)))
+    found = section_comparison(one, None, twin, None, np.random.default_rng(0), 60)
+    assert found["w1_grains_um"] > 0
+    assert "w1_grains_um_target" not in found
+
+
 def test_a_rare_mineral_is_held_to_what_chance_gives_its_own_grains():
     """285 grains of one mineral and 15 of the other, of one law: the others' number is not theirs."""
     common, rare = (grain_table(np.random.default_rng(n), 300, 12) for n in (1, 2))

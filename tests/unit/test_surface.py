@@ -147,7 +147,9 @@ def test_grains_of_no_direction_are_not():
     assert sum(surface.lies_aligned(f) is not None for f in found) <= 1
 
 
-@pytest.mark.parametrize("lacking", [np.zeros((90, 90)), np.ones((90, 90)), np.eye(3), np.eye(90)[:, :2]])
+@pytest.mark.parametrize(
+    "lacking", [np.zeros((90, 90)), np.ones((90, 90)), np.eye(3), np.eye(90)[:, :2], np.eye(90)[:1]]
+)
 def test_where_nothing_can_be_seen_of_a_direction_nothing_is_said(lacking):
     found = surface.alignment(lacking)
     assert np.isnan([found.ratio, found.along_deg, found.p]).all()

@@ -319,17 +319,9 @@ def test_only_the_locks_of_a_run_that_was_killed_here_are_cleared(finished, tmp_
     lock.write_text("results/other.csv\n")
     (folder / ".snakemake/grainfall.lock").write_text(name)
     # as a process of its own, which ends as a user's does
-    command = [
-        sys.executable,
-        "-m",
-        "snakemake",
-        "--snakefile",
-        ROOT / "Snakefile",
-        "--cores",
-        "1",
-        "--dry-run",
-    ]
-    subprocess.run([*command, "--configfile", "config.yaml"], cwd=folder, check=True, capture_output=True)
+    words = ["-m", "snakemake", "--cores", "1", "--dry-run", "--configfile", "config.yaml", "--snakefile"]
+    command = [sys.executable, *words, ROOT / "Snakefile"]
+    subprocess.run(command, cwd=folder, check=True, capture_output=True)
     assert lock.exists() == stays
     assert not (folder / ".snakemake/grainfall.lock").read_text()
 

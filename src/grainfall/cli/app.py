@@ -246,19 +246,16 @@ def export(
     twins = ["/".join(map(str, t)) for t in opened.twins]
     if twin not in (None, "all", *twins):
         raise InputError("--twin", f"'{twin}' is not in the study", f"all, or one of: {', '.join(twins[:5])}")
-    sources = {name: opened.results / name for name in (twins if twin == "all" else [twin or twins[0]])}
-    for source in sources.values():
+    folders = {}
+    for name in twins if twin == "all" else [twin or twins[0]]:
+        source = opened.results / name
+        folders[source] = (to / name if twin == "all" else to) if to else source / "export"
         if not (source / "bodies.csv").is_file():  # of the rule that makes a twin's volume, too
             raise InputError(source, "there is no twin yet", f"grainfall run {study} makes it")
-    folders = {
-        name: to / name if to and twin == "all" else to or source / "export"
-        for name, source in sources.items()
-    }
     files = {folder / file for name in format for file in FORMATS[name].files for folder in folders.values()}
     if (there := sorted(filter(Path.exists, files))) and not force:
         raise InputError(there[0], "is there already", "--to another folder, or --force to replace it")
-    for name, folder in folders.items():
-        source = sources[name]
+    for source, folder in folders.items():
         coarsen = config.variant(opened.config, source.parent.name)["network"]["coarsen"]
         beside = next(path for path in (folder, *folder.absolute().parents) if path.is_dir())
         with tempfile.TemporaryDirectory(prefix=".export-", dir=beside) as part:

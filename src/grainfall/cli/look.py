@@ -20,8 +20,8 @@ from grainfall.cli.study import CONFIGS, check_braces, resolved, schema
 from grainfall.errors import InputError
 from grainfall.section import Section, guess_kind, read_section, stated_pixel_um
 from grainfall.surface import alignment, left_open, lies_aligned, sampling_errors
+from grainfall.units import LENGTHS_UM
 
-LENGTHS_UM = {"": 1.0, "um": 1.0, "µm": 1.0, "μm": 1.0, "nm": 1e-3, "mm": 1e3}
 VOXELS_A_GRAIN = 16
 """Across the mean grain; docs/measured.md, 621 spheres: permeability at 16 is 5 % below that at 24 voxels."""
 LARGE_GRAINS = 4
@@ -42,10 +42,10 @@ def length_um(text: str) -> float:
     """
     found = re.fullmatch(r"\s*([0-9.]+(?:[eE][+-]?[0-9]+)?)\s*([a-zµμ]*)\s*", text)
     right = "a length like 1.2um, 800nm or 0.02mm"
-    if not found or found.group(2) not in LENGTHS_UM:
+    if not found or found.group(2) not in ("", *LENGTHS_UM):
         raise InputError("--pixel-size", f"'{text}' is no length", right)
     try:
-        value = float(found.group(1)) * LENGTHS_UM[found.group(2)]
+        value = float(found.group(1)) * LENGTHS_UM[found.group(2) or "um"]
     except ValueError:
         raise InputError("--pixel-size", f"'{text}' is no length", right) from None
     if not (math.isfinite(value) and value > 0):

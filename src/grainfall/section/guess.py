@@ -11,6 +11,7 @@ from skimage.measure import label
 
 from grainfall.errors import InputError
 from grainfall.section.raster import read_raster
+from grainfall.units import LENGTHS_UM
 
 MOST_PHASES = 16
 """Segmented images name few phases; photographs have many grey levels."""
@@ -19,18 +20,8 @@ PIECES = 1.5
 WINDOW = 2048
 """Pixels along each axis that the judgement looks at."""
 
-UNITS_UM = {
-    "nm": 1e-3,
-    "um": 1,
-    "µm": 1,
-    "μm": 1,
-    r"\u00b5m": 1,
-    "micron": 1,
-    "microns": 1,
-    "mm": 1e3,
-    "cm": 1e4,
-}
-"""Units of length as ImageJ and OME write them."""
+UNITS_UM = LENGTHS_UM | {r"\u00b5m": 1.0, "micron": 1.0, "microns": 1.0, "cm": 1e4}
+"""Units of length as ImageJ and OME write them, too."""
 
 
 def stated_pixel_um(path: str | Path) -> tuple[float, float] | None:
