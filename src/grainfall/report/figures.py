@@ -23,6 +23,7 @@ from matplotlib.ticker import EngFormatter
 from matplotlib.transforms import Affine2D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
+from grainfall.correlation import section_windows
 from grainfall.io import atomic_path
 from grainfall.network import pore_volume_below
 from grainfall.report.judgement import PERMEABILITY_TOLERANCE, POROSITY_TOLERANCE
@@ -509,7 +510,7 @@ def twin_figure(
     voxel_size_um: float,
     phases: Sequence[str] = (),
 ) -> Figure:
-    """The middle of the section and a slice of the twin at one scale, and the twin as a block.
+    """The middle window of the section and a slice of the twin at one scale, and the twin as a block.
 
     Parameters
     ----------
@@ -522,13 +523,10 @@ def twin_figure(
     """
     nz, ny, nx = twin.shape
     across = np.round(np.array([nz, nx]) * voxel_size_um / pixel_size_um).astype(int)
-    window = tuple(
-        slice((n - min(n, k)) // 2, (n + min(n, k)) // 2) for n, k in zip(section.shape, across, strict=True)
-    )
+    part = section_windows(section, tuple(np.minimum(section.shape, across)))[0]
     figure = Figure(figsize=(WIDTH, WIDTH / 3 * max(1.0, nz / nx) + 0.95))
     left, middle, right = figure.subplots(1, 3)
-    part = section[window]
-    where = "the section" if part.shape == section.shape else "the section, its middle"
+    where = "the section" if part.shape == section.shape else "the section, its middle window"
     for axes, image, size, name in (
         (left, part[::-1], pixel_size_um, where),
         (middle, twin[:, ny // 2, :], voxel_size_um, "the twin, a vertical slice"),

@@ -14,7 +14,6 @@ from grainfall.stereology.distribution import (
     SizeDistribution,
     draw_radii,
     from_table,
-    rebin,
     to_table,
 )
 from grainfall.stereology.inversion import METHODS, unfold, unfold_table
@@ -40,7 +39,6 @@ __all__ = [
     "midpoint_kernel",
     "own_shapes",
     "particle_of",
-    "rebin",
     "section_kernel",
     "to_table",
     "unfold",

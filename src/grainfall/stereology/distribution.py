@@ -108,32 +108,6 @@ def rebinned(edges: np.ndarray, density: np.ndarray, onto: np.ndarray) -> np.nda
     return np.diff(np.interp(onto, edges, cumulative)) / np.diff(onto)
 
 
-def rebin(distribution: SizeDistribution, edges_um: np.ndarray) -> SizeDistribution:
-    """The same distribution on other bins; each bin keeps its number of particles.
-
-    Parameters
-    ----------
-    distribution : SizeDistribution
-    edges_um : (m + 1,) array
-        Increasing edges that hold the whole distribution.
-
-    Returns
-    -------
-    SizeDistribution
-        The band's ends are averaged over the new bins like the densities, which is on the wide side.
-
-    Raises
-    ------
-    InputError
-        When the edges do not increase or would cut particles or sections off.
-    """
-    old, new = distribution.edges_um, checked_edges(edges_um)
-    filled = np.flatnonzero((distribution.f2d > 0) | (distribution.f3d > 0))
-    checked_edges(new, old[[filled[0], filled[-1] + 1]])
-    densities = (rebinned(old, getattr(distribution, name), new) for name in ("f2d", "f3d", "lower", "upper"))
-    return SizeDistribution(new, *densities, distribution.method, distribution.regularisation)
-
-
 def draw_radii(
     distribution: SizeDistribution, n: int, rng: np.random.Generator, which: str = "f3d"
 ) -> np.ndarray:
