@@ -10,11 +10,11 @@ endif
 SNAKEMAKE := $(BIN)/snakemake --profile workflow/profiles/local --cores $(CORES)
 # A path comes to the shell as a variable of its own, so that nothing in its name is run.
 override export IMAGE := $(value IMAGE)
-BEREA ?= $(wildcard ../shared/data/berea/berea_400_pore1.tif)
+BEREA ?=
 export BEREA KETTON
 CASES := stereology virtual_spheres virtual_spheres_deep berea xct cv_sweep
 
-.PHONY: setup demo test lint format docs cases validation sweep accuracy accuracy-presets thin-section engines consolidated ketton report bench-costs bench-stereology bench-segmentation bench-engines bench-creep bench-packing bench-decomposition bench-structure bench-overhead bench-needs bench-network bench-permeability paper-scale hard-cases faults verify clean
+.PHONY: setup demo test lint format docs cases validation sweep accuracy accuracy-presets thin-section engines consolidated ketton report bench-costs bench-stereology bench-segmentation bench-engines bench-creep bench-packing bench-decomposition bench-structure bench-overhead bench-needs bench-network bench-permeability paper-scale hard-cases faults verify help clean
 
 demo: $(VENV)/.ready  ## the embedded demo, to results/summary.csv and results/report.html
 	$(SNAKEMAKE)
@@ -82,14 +82,14 @@ engines: $(VENV)/.ready  ## PhysX and Bullet side by side, five paired realizati
 report: $(VENV)/.ready  ## Snakemake's own report of the finished demo
 	$(BIN)/snakemake --report results/snakemake-report.html
 
-lint: $(VENV)/.ready
+lint: $(VENV)/.ready  ## format, lint and layers, as the tests of a change want them
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/snakefmt --check Snakefile workflow
 	$(BIN)/snakemake --lint
 	$(BIN)/lint-imports
 
-format: $(VENV)/.ready
+format: $(VENV)/.ready  ## all files in the house's format
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 	$(BIN)/snakefmt Snakefile workflow
@@ -144,9 +144,12 @@ paper-scale: $(VENV)/.ready  ## 1000^3 voxels from section to report, and smalle
 hard-cases: $(VENV)/.ready  ## hard scenes in both engines against the verdicts written down before; hours; resumes where it stopped
 	$(BIN)/python tests/benchmarks/hard_cases.py
 
-faults: $(VENV)/.ready  ## an hour: 50 kills, 2,000 malformed inputs, full disks; resumes where it stopped
+faults: $(VENV)/.ready  ## an hour: 50 kills, 2,000 malformed inputs, 50 more on the command line; kills resume where they stopped
 	$(BIN)/python tests/faults/fuzz.py --cases 2000 --command-line 50
 	$(BIN)/python tests/faults/kills.py --kills 50 --out results/benchmarks/faults.csv
+
+help:  ## this list
+	@sed -n 's/^\([a-z%-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 22
 
 clean:  ## results and caches, not the environment
 	rm -rf .snakemake $(filter-out results/README.md,$(wildcard results/*))

@@ -19,7 +19,8 @@ from grainfall.rules import check_rules
 
 VARIANT_KEYS = ("scene", "packing", "effects", "feedback", "network", "flow")
 RESERVED = (
-    "accuracy", "benchmarks", "cv_sweep", "data", "figures", "grains3d", "logs", "tomogram", "validation",
+    "accuracy", "benchmarks", "cv_sweep", "data", "docs", "figures", "grains3d", "logs", "tomogram",
+    "validation",
 )  # fmt: skip
 """Folders of results that no sample and no variant may be named after."""
 

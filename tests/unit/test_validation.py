@@ -145,7 +145,15 @@ def test_sizes_twice_as_large_are_so_by_any_measure():
     twice = {name: values if "volume" in name else 2 * values for name, values in pores.items()}
     found = _pore_figures(twice, pores)
     ratios = [value for quantity, (value, _) in found.items() if quantity.endswith("_ratio")]
-    assert ratios == pytest.approx([2] * 4)
+    assert ratios == pytest.approx([2] * 5)
+    # specks, like phantom pores in grains, are most of the pores and next to nothing of their volume
+    specks = pores | {
+        "pore_radius_um": np.append(pores["pore_radius_um"], np.full(900, 0.5)),
+        "pore_volume_um3": np.append(pores["pore_volume_um3"], np.full(900, 1e-9)),
+    }
+    found = _pore_figures(specks, pores)
+    assert found["pore_median_ratio"][0] < 0.2
+    assert found["pore_r50_ratio"][0] == 1
     grains = pd.DataFrame({"phase": rng.integers(1, 3, 400), "r_um": rng.lognormal(3, 0.3, 400)})
     found = _grain_figures(grains.assign(scale=2 * grains["r_um"]), grains, 1.0, 1.0)
     assert (found["r_mean_ratio"][0], found["rs_ratio"][0]) == pytest.approx((2, 2))
@@ -209,6 +217,20 @@ def test_nearer_is_said_of_paired_differences():
 def test_twin_and_tomogram_are_told_apart_by_the_whole_interval(by, status):
     table = aggregate(figures(by, "xct", "tomogram", "k_ratio_nearer", 0.0))
     assert next(c for c in claims(table) if c.claim.startswith("By K")).status == status
+
+
+@pytest.mark.parametrize(
+    ("by", "status"),
+    [
+        ({"a": [0.52], "b": [0.54], "c": [0.53]}, SHOWN),
+        ({"a": [1.22], "b": [1.24], "c": [1.23]}, NOT_SHOWN),
+        ({"a": [0.8], "b": [1.2], "c": [0.7]}, OPEN),
+        ({"a": [0.5]}, OPEN),
+    ],
+)
+def test_a_tomograms_pores_are_small_where_all_sections_say_so(by, status):
+    table = aggregate(figures(by, "xct", "tomogram", "pore_median_ratio", 1.0))
+    assert next(c for c in claims(table) if "small radii" in c.claim).status == status
 
 
 def test_claims_say_how_far_cubes_of_the_truth_are_from_each_other():

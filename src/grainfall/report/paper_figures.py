@@ -578,8 +578,8 @@ def _network_panel(axes, r: Results, slab_um: float) -> None:
     axes.set(xlim=(0, edge), ylim=(0, edge), aspect="equal", xlabel="x (µm)", ylabel="y (µm)")
 
 
-def _pore_sizes(axes, volumes: Sequence[tuple]) -> None:
-    """Share of the pore volume in network pores up to a radius, pooled over twins.
+def _pore_sizes(axes, volumes: Sequence[tuple], *, by_number: bool = False) -> None:
+    """Share of the pore volume, or of all pores, in network pores up to a radius, pooled over twins.
 
     Cumulative, as radii of pores are no finer than voxels: bins would show those of the coarsest volume. What
     lies between two curves is their Wasserstein distance.
@@ -587,9 +587,12 @@ def _pore_sizes(axes, volumes: Sequence[tuple]) -> None:
     drawn = [(network.pooled_sizes(v), colour, style, name) for v, colour, style, name in volumes if v]
     radii = np.linspace(0, max(sizes["pore_radius_um"].max() for sizes, *_ in drawn), 400)
     for sizes, colour, style, name in drawn:
+        if by_number:
+            sizes = sizes | {"pore_volume_um3": np.ones(len(sizes["pore_radius_um"]))}
         below = network.pore_volume_below(sizes, radii)
         axes.plot(radii, below, color=colour, ls=style, lw=1.6, label=name)
-    axes.set(xlabel="network pore radius (µm)", ylabel="share of pore volume below")
+    what = "pores" if by_number else "pore volume"
+    axes.set(xlabel="network pore radius (µm)", ylabel=f"share of {what} below")
     axes.set(xlim=(0, radii[-1]), ylim=(0, 1.02))
     axes.legend(fontsize=7, loc="lower right")
 
@@ -723,32 +726,32 @@ def _cloud(axes, volume: np.ndarray, voxel: float, colour: str, label: str, seed
 
 @styled
 def sample3_analysis(cases: Cases) -> Figure | None:
-    """The twin, pore sizes of rock, tomogram and twin, and clouds of S2 on slices."""
+    """The twin, pore sizes of rock, tomogram and twin by volume and by number, and clouds of S2 on slices."""
     found = _tomogram_panels(cases)
     if found is None:
         return None
     r, _, _, solid, voxel = found
-    figure = Figure(figsize=(WIDTH, 2.9))
-    panels = figure.subplots(1, 3)
+    figure = Figure(figsize=(WIDTH, 5.4))
+    block, by_volume, by_number, s2 = panels = figure.subplots(2, 2).ravel()
     twin = r.volume("twin:twin.zarr.zip", "phase")
-    figures.draw_block(panels[0], twin, r.twin_phases)
-    _pore_sizes(
-        panels[1],
-        (
-            (_pores(cases.references("xct")), TRUTH, DASHED, "the rock"),
-            (_pores(cases.stems("xct", "tomogram/reference_network")), FIRST, DOTTED, "tomogram"),
-            (_pores(cases.stems("xct", "full/*/network")), TWIN, "-", "twin"),
-        ),
+    figures.draw_block(block, twin, r.twin_phases)
+    volumes = (
+        (_pores(cases.references("xct")), TRUTH, DASHED, "the rock"),
+        (_pores(cases.stems("xct", "tomogram/reference_network")), FIRST, DOTTED, "tomogram"),
+        (_pores(cases.stems("xct", "full/*/network")), TWIN, "-", "twin"),
     )
+    _pore_sizes(by_volume, volumes)
+    _pore_sizes(by_number, volumes, by_number=True)
     section = correlation.s2_image(r.section_phase > 0)
-    lags = _cloud(panels[2], solid, voxel, FIRST, "tomogram, 20 slices", 0)
-    _cloud(panels[2], twin, _voxel(r), TWIN, "twin, 20 slices", 1)
+    lags = _cloud(s2, solid, voxel, FIRST, "tomogram, 20 slices", 0)
+    _cloud(s2, twin, _voxel(r), TWIN, "twin, 20 slices", 1)
     rock = mean_s2(r.path("sample:reference_s2.csv"))
-    panels[2].plot(*rock, color=TRUTH, ls=DASHED, lw=2, label="the rock, 3D")
-    panels[2].plot(np.arange(len(section)) * r.pixel_size_um, section, color=SECTION, lw=1.2, label="section")
-    panels[2].set(xlim=(0, lags[-1] / 2), xlabel="lag (µm)", ylabel="S₂ of the solid (probability)")
-    panels[2].legend(fontsize=6.5)
-    for axes, letter, name in zip(panels, "abc", ("twin", "pores", "S₂ on slices"), strict=True):
+    s2.plot(*rock, color=TRUTH, ls=DASHED, lw=2, label="the rock, 3D")
+    s2.plot(np.arange(len(section)) * r.pixel_size_um, section, color=SECTION, lw=1.2, label="section")
+    s2.set(xlim=(0, lags[-1] / 2), xlabel="lag (µm)", ylabel="S₂ of the solid (probability)")
+    s2.legend()
+    names = ("twin", "pores by volume", "pores by number", "S₂ on slices")
+    for axes, letter, name in zip(panels, "abcd", names, strict=True):
         _letter(axes, letter, name)
     return figure
 
@@ -986,8 +989,8 @@ FIGURES: dict[str, Drawn] = {
     "virtual_sizes": Drawn(
         virtual_sizes,
         "Distributions of virtual spheres",
-        "Pore circles of section and first packing, unfolded, by volume of equally many; their difference, "
-        "and its part above zero, bin by bin of the unfolding: the sizes that the virtual spheres got.",
+        "Pore circles of section and first packing, unfolded, drawn by volume; their difference (taken by "
+        "number), and its part above zero, bin by bin of the unfolding: the sizes that the spheres got.",
     ),
     "sample1_full": Drawn(
         sample1_full,
@@ -1013,19 +1016,20 @@ FIGURES: dict[str, Drawn] = {
     "sample2_analysis": Drawn(
         sample2_analysis,
         "Sample 2: structural analysis",
-        "Case 2: pore network of a twin (a slab two grains thick), radii of network pores (inset: on "
-        "a logarithmic scale), S₂ in 3D.",
+        "Case 2: pore network of a twin (a slab two grains thick), radii of network pores, cumulative by "
+        "pore volume (the paper has histograms), S₂ in 3D.",
     ),
     "sample3": Drawn(
         sample3,
         "Sample 3: experimental and reconstructed",
         "Case 3c: tomogram, tomogram thresholded, section, its grains, first packing, final twin. The "
-        "tomogram and the section are different planes of one rock.",
+        "tomogram and the section are different planes of one rock (the paper has an SEM image of it).",
     ),
     "sample3_analysis": Drawn(
         sample3_analysis,
         "Sample 3: structural analysis",
-        "Case 3c: a twin, radii of network pores, S₂ of 20 slices each of tomogram and twin.",
+        "Case 3c: a twin, radii of network pores by their volume and by their number (isolated ones left "
+        "out), S₂ of 20 slices each of tomogram and twin.",
     ),
     "berea": Drawn(
         berea,

@@ -144,6 +144,7 @@ QUANTITIES: dict[str, Quantity] = {
         f"pore_r{share}_ratio": Quantity(f"network pore radius ({share} % by pore volume) over the truth's")
         for share in (25, 50, 75, 95)
     },
+    "pore_median_ratio": Quantity("network pore radius (median by number, linked pores) over the truth's"),
     "circle_r95_um": Quantity(
         "pore circles on slices, radius below which 95 % of their area lies; truth: the section's",
         "µm",
@@ -400,6 +401,10 @@ def _pore_figures(sizes: Mapping, other: Mapping | None) -> dict[str, tuple]:
         for share in (25, 50, 75, 95):
             own, aim = (network.pore_radius_quantile(of, share / 100) for of in (sizes, other))
             found[f"pore_r{share}_ratio"] = (own / aim, 1.0)
+        found["pore_median_ratio"] = (
+            np.median(sizes["pore_radius_um"]) / np.median(other["pore_radius_um"]),
+            1.0,
+        )
         distance = network.pore_size_distance(sizes, other)
         found["w1_pores"] = (distance / network.mean_pore_radius(other), 0.0)
     return found
