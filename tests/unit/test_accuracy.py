@@ -6,10 +6,12 @@ from itertools import pairwise
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import stats
 
-from grainfall import accuracy, config, correlation, flow, network, presets, report
+from grainfall import accuracy, config, correlation, flow, io, network, presets, report, surface
 from grainfall.accuracy import known
 from grainfall.accuracy.figure import accuracy_figure
+from grainfall.accuracy.observe import differences, relative_distance
 from grainfall.errors import InputError
 from grainfall.packing import parameters_of
 
@@ -418,3 +420,83 @@ class TestTheStudy:
         figure = accuracy_figure(accuracy.summarise(rows), {"against": "finest", "known": {"flow_tier": []}})
         said = [text.get_text() for part in figure.subfigs for axis in part.axes for text in axis.texts]
         assert said == ["no setting is off"]
+
+
+def test_differences_have_the_sign_of_what_is_found_and_the_scale_of_what_is_held():
+    def sizes(radius):
+        return {"pore_radius_um": np.array([radius]), "pore_volume_um3": np.ones(1)}
+
+    lag = np.arange(3.0)
+    found = {"porosity": 0.3, "k_md": 150.0, "pores": sizes(3.0), "lag_um": lag, "s2": [0.6, 0.5, 0.4]}
+    held = {"porosity": 0.2, "k_md": 100.0, "pores": sizes(2.0), "lag_um": lag, "s2": [0.6, 0.4, 0.4]}
+    errors = {"porosity": 0.1, "k": 0.5, "pore_sizes": 0.5, "s2": 0.1}
+    assert differences(found, held) == pytest.approx(errors)
+
+
+def test_s2_is_compared_to_the_last_lag_both_have():
+    found = {"lag_um": np.arange(3.0), "s2": np.array([0.6, 0.4, 0.3])}
+    held = {"lag_um": np.arange(5.0), "s2": np.array([0.6, 0.4, 0.2, 0.0, 0.0])}
+    assert differences(found, held) == pytest.approx({"s2": 0.1})
+
+
+def test_the_permeability_of_a_table_is_that_of_its_method():
+    s2 = pd.DataFrame({"axis": ["x"], "lag_um": [0.0], "s2": [0.6]})
+    flow = pd.DataFrame({"method": ["network", "network", "direct"], "k_md": [1.0, 3.0, 50.0]})
+    assert accuracy.from_tables(s2, flow, "network", {})["k_md"] == 2
+
+
+def test_a_distance_of_radii_is_in_their_mean():
+    assert relative_distance(np.array([6.0]), np.array([4.0])) == 0.5
+
+
+def test_costs_are_of_all_jobs_and_the_median_of_repeats(tmp_path):
+    for number, seconds in enumerate((5, 6, 70)):
+        twin = tmp_path / f"rock/draft/{number}"
+        (twin / "benchmarks").mkdir(parents=True)
+        io.write_json(twin / "observed.json", {"porosity": 0.3})
+        for job, share in (("one", 1), ("two", 3)):
+            head, row = "s\tmax_rss\tcpu_time", f"{share * seconds}\t{100 * share}\t{2 * share * seconds}"
+            (twin / f"benchmarks/{job}.tsv").write_text(f"{head}\n{row}\n")
+    io.write_json(tmp_path / "rock/observed.json", {"porosity": 0.2})
+    sweep = {"packing": {}, "against": None, "chance": {}, "presets": ["draft"], "known": {}}
+    row = accuracy.summarise(accuracy.gather(tmp_path, sweep, ["rock"], ["one", "two"], twins=3)).iloc[0]
+    assert (row["wall_s"], row["cpu_s"], row["peak_rss_mb"]) == (24, 48, 300)
+    assert (row["n"], row["bias"]) == (1, pytest.approx(0.1))
+
+
+def test_spheres_of_a_pack_have_the_diameter_asked_for():
+    """Surface by volume of lognormal spheres of mean radius R: 3 / R (1 + CV^2)^2, where few touch."""
+    pore = known.pack(np.random.default_rng(0), 4, 16, porosity=0.6)
+    seen = surface.specific_surface(pore, 1.0) / (1 - pore.mean())
+    assert seen == pytest.approx(3 / 8 / (1 + known.CV**2) ** 2, rel=0.15)
+
+
+def test_realizations_cost_what_all_of_them_do(monkeypatch):
+    pores = {"pore_radius_um": np.ones(1), "pore_volume_um3": np.ones(1)}
+    seen = {"porosity": 0.4, "k_md": 1.0, "lag_um": np.arange(3.0), "s2": np.ones(3), "pores": pores}
+    monkeypatch.setattr(known, "pack", lambda *_: np.ones((120,) * 3, bool))
+    monkeypatch.setattr(known, "observe", lambda *_: seen)
+    costs = iter([known.Cost(9.0, 9.0, 900.0), *(known.Cost(n, 2.0 * n, 100.0 * n) for n in (3.0, 1, 2))])
+    trials = known.realizations(["1", "3"], np.random.default_rng(0), lambda work: (work(), next(costs)))
+    assert [trial.cost for trial in trials] == [(3, 6, 300), (6, 12, 300)]
+
+
+def test_a_distance_has_to_exceed_what_both_scatter():
+    """Nine repeats each, standard deviation 1: by the one's alone 0.61 would do, by both's 0.86 is needed."""
+    scatter = stats.norm.ppf((np.arange(9) + 0.5) / 9)
+    scatter /= scatter.std(ddof=1)
+
+    def told(more):
+        row = {"scene": "packing", "knob": "knob", "against": "finest", "metric": "s2", "wall_s": 1.0}
+        row |= {"cpu_s": 1.0, "peak_rss_mb": 1.0}
+        rows = [
+            {**row, "setting": setting, "repeat": n, "difference": 10 + away + d}
+            for setting, away in (("setting", more), ("again", 0.0))
+            for n, d in enumerate(scatter)
+        ]
+        table = accuracy.summarise(pd.DataFrame(rows))
+        setting = table["setting"] == "setting"
+        return accuracy.beyond_chance(table[setting], table[~setting]).item()
+
+    assert not told(0.81)  # its own interval, 0.77 either way, lies beyond
+    assert told(0.91)

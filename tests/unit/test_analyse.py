@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from grainfall import morphology
+from grainfall.morphology.split import smallest_radius
 
 
 @pytest.fixture(scope="module")
@@ -66,3 +67,25 @@ def test_slices_are_measured_as_they_are_shown(balls):
     grains, _ = morphology.measure_slices(phase, 1.0, [(0, 30)], body=body, outlined=False, shown=swapped)
     assert (grains.phase == 3 - plain.phase).all()
     assert (grains.r_um == plain.r_um).all()
+
+
+def test_grains_and_pores_are_split_by_thresholds_of_their_own():
+    """Two discs whose neck is 0.8 of their radius: a persistence of 0.2."""
+    y, x = np.indices((66, 114))
+    pair = ((y - 33) ** 2 + np.minimum((x - 33) ** 2, (x - 81) ** 2) < 30**2).astype(np.uint8)
+    for grain, pore in ((0.1, 0.5), (0.5, 0.1)):
+        given = {"grain_persistence": grain, "pore_persistence": pore}
+        assert len(morphology.analyse(pair, 1.0, **given).grains) == (2 if grain == 0.1 else 1)
+        assert len(morphology.analyse(1 - pair, 1.0, **given).pores) == (2 if pore == 0.1 else 1)
+
+
+def test_a_summary_tells_cut_grains_and_specks_and_is_in_micrometres():
+    phase = np.zeros((40, 60), np.uint8)
+    phase[10:20, 10:20] = phase[10:20, 50:60] = phase[30:33, 30] = 1  # whole, cut, a speck
+    found = morphology.analyse(phase, 2.0)
+    summary = found.summary(["pore", "grain"])
+    assert (summary["n_grains"], summary["n_grains_uncut"]) == (2, 1)
+    assert summary["smallest_grain_um"] == pytest.approx(2 * smallest_radius(2.0))
+    assert summary["grain_speck_fraction"] == pytest.approx(3 / 203)
+    assert summary["pore_speck_fraction"] == 0
+    assert found.pores.area_um2.sum() == pytest.approx(4 * (phase == 0).sum())

@@ -292,3 +292,60 @@ def test_the_sections_own_curve_is_of_all_its_windows():
     assert summary["n_windows"] == 6
     assert table["section"][0] == pytest.approx(section.mean())
     assert table["observed"][0] == section[16:, 16:32].mean()
+
+
+def test_lags_of_slices_are_micrometres():
+    table = c.s2_of_slices(np.ones((8, 8, 8), bool), [(0, 3)], 2.5)
+    assert table["lag_um"].tolist() == [0.0, 2.5, 5.0, 7.5, 10.0]
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_the_mean_of_three_axes_has_all_three(axis):
+    """Layers two voxels thick: S2 across them is 1/2, 1/4, 0 ..., along them 1/2 throughout."""
+    layers = np.moveaxis(np.indices((8, 8, 8))[0] // 2 % 2 == 0, 0, axis)
+    lag, s2 = c.along_axes(c.s2_volume(layers, 3.0, 2, periodic=True))
+    assert lag == pytest.approx([0, 3, 6])
+    assert s2 == pytest.approx([1 / 2, (1 / 4 + 1) / 3, 1 / 3])
+
+
+def test_windows_of_slices_lie_anywhere_in_them():
+    """Solid but for a low corner: a window that always lay there would see one or the other."""
+    z, y, x = np.indices((30, 30, 30))
+    window = c.Window((10, 10), 1.0)
+    curves = c.slice_curves(np.maximum(np.maximum(z, y), x) >= 10, 1.0, window, 60, np.random.default_rng(0))
+    assert ((curves[:, 0] > 0) & (curves[:, 0] < 1)).any()
+    far = c.slice_curves((z >= 20) & (y >= 20) & (x >= 20), 1.0, window, 60, np.random.default_rng(0))
+    assert far[:, 0].max() > 0
+
+
+def test_a_section_is_judged_by_its_middle_window_and_told_in_micrometres():
+    """Eight windows as the twin's and a middle one like no slice: the mean of all would pass."""
+    rng = np.random.default_rng(6)
+    twin = rng.random((16, 16, 16)) < 0.6
+    section = rng.random((48, 48)) < 0.6
+    section[16:32, 16:32] = rng.random((16, 16)) < 0.3
+    table, summary = c.compare_section(section, 2.0, [twin], 2.0, 39, rng)
+    assert summary["p"] == pytest.approx(1 / 40)
+    assert summary["inside"] < 0.1
+    assert summary["windows_rejected"] <= 3 / 9
+    assert summary["window_um"] == [32.0, 32.0]
+    assert table["lag_um"].tolist() == [2.0 * lag for lag in range(9)]
+
+
+def test_the_mean_is_of_the_curves_alone():
+    test = c.global_envelope(np.full(3, 100.0), np.tile(np.arange(40.0)[:, None], 3))
+    assert test["mean"] == pytest.approx(np.full(3, 19.5))
+    assert test["n"] == 40
+
+
+def test_a_section_is_judged_at_the_level_asked_for():
+    rng = np.random.default_rng(8)
+    twin, section = rng.random((16, 16, 16)) < 0.6, rng.random((16, 16)) < 0.6
+    levels = [0.05, 0.5]
+    tables = [
+        c.compare_section(section, 1.0, [twin], 1.0, 39, np.random.default_rng(0), alpha)[0]
+        for alpha in levels
+    ]
+    wide, narrow = (table["upper"] - table["lower"] for table in tables)
+    assert (narrow <= wide).all()
+    assert narrow.sum() < 0.8 * wide.sum()

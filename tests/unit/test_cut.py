@@ -71,3 +71,11 @@ print(hashlib.md5(b"".join(p.tobytes() for p in cut(*bumpy())[0])).hexdigest())
         assert len(done.stdout.split()) == 1, done.stderr
         found.add(done.stdout)
     assert len(found) == 1
+
+
+def test_what_two_pieces_share_counts_once():
+    box = np.array(trimesh.creation.box([2, 2, 2]).vertices)
+    up = np.array([0.0, 0.0, 1.0])
+    assert union_volume((box, box + 0.5 * up)) == pytest.approx(2 * 2 * 2.5, rel=1e-3)
+    assert union_volume((box, box + 5 * up)) == pytest.approx(16, rel=1e-3)
+    assert union_volume((box, 0.5 * box)) == pytest.approx(8, rel=1e-3)

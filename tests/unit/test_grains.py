@@ -13,7 +13,8 @@ from scipy.stats import wasserstein_distance
 from grainfall import grains, io
 from grainfall.errors import InputError
 from grainfall.grains import contours
-from grainfall.grains.library import SMALLEST_EXCESS
+from grainfall.grains.export import PHASE_COLOURS
+from grainfall.grains.library import SMALLEST_EXCESS, _normalised
 from grainfall.morphology import grain_masks, measure_grains
 
 seeds = st.integers(0, 2**32 - 1)
@@ -670,3 +671,47 @@ def test_real_grains_are_reproduced(shared_data):
     assert whole.mean() > 0.9
     assert iou[whole].min() >= 0.98
     assert (iou >= seen - 0.04).all()  # no loss beyond the mesh's and the fold's
+
+
+@pytest.fixture(scope="module")
+def ellipses():
+    """Thirteen ellipses 2 : 1, alike but for their size, all along x."""
+    labels = np.zeros((70, 70 * 13), np.int32)
+    y, x = np.indices(labels.shape)
+    for n in range(13):
+        a = 20 + n / 2
+        labels[((x - 35 - 70 * n) / a) ** 2 + (2 * (y - 35) / a) ** 2 < 1] = n + 1
+    return labels, measure_grains(labels, (labels > 0).astype(np.uint8), 1.0)
+
+
+def test_masks_are_drawn_by_their_weights(ellipses):
+    labels, table = ellipses
+    only = table.assign(weight=np.where(table["grain"] == 5, 1.0, 1e-12))
+    found = grains.build_library(labels, only, 8, np.random.default_rng(0), resolution=8, pieces=False).table
+    assert (found[["mask_xy", "mask_xz", "mask_yz"]] == 5).all(axis=None)
+
+
+def test_masks_are_turned_at_random(ellipses):
+    """Ellipses that all lie along x would always make the same body, stretched by the same factor."""
+    given = {"candidates": 1, "resolution": 8, "pieces": False}
+    found = grains.build_library(*ellipses, 12, np.random.default_rng(0), **given).table
+    assert found["stretch"].min() < 1.15
+    assert found["stretch"].max() > 1.3
+
+
+def test_figures_of_an_ellipsoid_are_its_axes():
+    ball, faces = grains.sphere(4)
+    _, found = _normalised(grains.Grain(ball * np.array([1.0, 3.0, 2.0]), faces))
+    assert found["aspect_ratio"] == pytest.approx(3, rel=0.01)
+    assert found["elongation"] == pytest.approx(2 / 3, rel=0.01)
+    assert found["flatness"] == pytest.approx(1 / 2, rel=0.01)
+
+
+def test_minerals_have_the_colours_of_their_numbers(tmp_path):
+    table = pd.DataFrame({"kind": "grain", "phase": [1, 2, 7], "shape": -1, "scale": 1.0})
+    table[["x", "y", "z", "qx", "qy", "qz"]], table["qw"] = 0.0, 1.0
+    library = grains.Library([], [], pd.DataFrame())
+    grains.export_bodies(table, library, tmp_path / "a.glb")
+    scene = trimesh.load(tmp_path / "a.glb")
+    found = {n: tuple(g.visual.material.baseColorFactor[:3]) for n, g in scene.geometry.items()}
+    assert found == {f"phase{k}_shape-1": PHASE_COLOURS[(k - 1) % 6] for k in (1, 2, 7)}

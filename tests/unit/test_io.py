@@ -1,5 +1,7 @@
 """Files: equal content gives equal bytes, a failed write leaves what was there."""
 
+import os
+import tempfile
 import time
 import zipfile
 from pathlib import Path
@@ -191,3 +193,24 @@ def test_arrays_are_read_at_once_or_when_asked_for(tmp_path, compressed):
     path.write_bytes(path.read_bytes()[:-30])
     with pytest.raises(InputError, match=r"a\.npz"):
         io.StoredArrays(path)["one"]
+
+
+def test_axes_of_a_volume_are_named_in_their_order(tmp_path):
+    io.write_volume(tmp_path / "v.zarr.zip", {"phase": np.zeros((3, 4, 5), np.uint8)}, 1.0)
+    axes = io.read_volume(tmp_path / "v.zarr.zip")[1]["ome"]["multiscales"][0]["axes"]
+    assert [axis["name"] for axis in axes] == ["z", "y", "x"]
+
+
+def test_only_what_is_old_and_nobodys_is_swept(tmp_path, monkeypatch):
+    """A folder is made a moment before it is locked: a young one may be somebody's."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    held = io.Scratch()
+    young, old = (tmp_path / f"{io.Scratch.PREFIX}{name}" for name in ("young", "old"))
+    for folder in (young, old):
+        folder.mkdir()
+    for folder in (held.path, old):
+        os.utime(folder, (time.time() - 100,) * 2)
+    io.Scratch().close()
+    assert (held.path.exists(), young.exists(), old.exists()) == (True, True, False)
+    held.close()
+    assert not held.path.exists()

@@ -311,3 +311,33 @@ def test_the_mean_point_of_the_solid_lies_in_a_large_grain():
     grains = pd.DataFrame({"r_um": [1.0, 3.0], "weight": [9.0, 1.0]})
     assert solid_radius(grains) == pytest.approx(2.0)
     assert solid_radius(grains.assign(weight=0.0)) == 0
+
+
+@pytest.mark.parametrize(("high", "wide"), [(1, 20), (20, 1), (2, 9), (7, 7)])
+def test_a_rectangle_has_the_ratio_of_its_edges_and_fills_its_hull(high, wide):
+    labels = np.zeros((30, 30), np.int32)
+    labels[4 : 4 + high, 3 : 3 + wide] = 1
+    grain = measure_grains(labels, labels.astype(np.uint8), 2.0).iloc[0]
+    assert grain.aspect_ratio == pytest.approx(max(high, wide) / min(high, wide))
+    assert grain.solidity == pytest.approx(1)
+
+
+def test_solidity_is_the_share_of_the_hull():
+    labels = np.zeros((50, 50), np.int32)
+    labels[5:45, 5:45] = 1
+    labels[5:25, 5:25] = 0  # an L of three squares: its hull has half a square more
+    grain = measure_grains(labels, labels.astype(np.uint8), 1.0).iloc[0]
+    assert grain.solidity == pytest.approx(3 / 3.5, rel=0.02)
+
+
+@pytest.mark.parametrize("turns", range(4))
+def test_a_circle_that_an_edge_cuts_counts_nothing(turns):
+    """Of an image that is no square, whichever edge it is; the whole one stands for more than itself."""
+    y, x = np.indices((40, 90)) + 0.5
+    whole, cut = (y - 20) ** 2 + (x - 70) ** 2 < 64, (y - 20) ** 2 + x**2 < 64
+    labels = np.rot90(whole + 2 * cut, turns)
+    table = inscribed_circles(labels, 2.0).set_index("pore")
+    assert table.border.to_dict() == {1: False, 2: True}
+    width = table.width_um[1] / 2
+    assert table.weight.to_dict() == pytest.approx({1: 40 * 90 / (40 - width) / (90 - width), 2: 0})
+    assert table.area_um2.to_dict() == {1: 4 * whole.sum(), 2: 4 * cut.sum()}

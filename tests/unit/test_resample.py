@@ -25,3 +25,13 @@ def test_an_open_volume_gives_what_the_array_gives(tmp_path, size, target):
 def test_an_even_ratio_steps_evenly_whatever_the_unit(size, ratio):
     taken = resample(np.arange(2000), size, ratio * size)
     assert (np.diff(taken) == ratio).all()
+
+
+@pytest.mark.parametrize(("size", "target", "taken"), [(1.0, 3.0, [1, 4, 7, 10]), (2.0, 1.0, [0, 0, 1, 1])])
+def test_what_lies_at_a_pixels_centre_is_taken(size, target, taken):
+    assert resample(np.arange(12), size, target)[:4].tolist() == taken
+
+
+def test_an_edge_of_whole_pixels_loses_none_to_rounding():
+    assert resample(np.arange(90), 0.7, 0.9).shape == (70,)
+    assert [resample(np.arange(n), 0.6, 0.2).size for n in range(1, 60)] == [3 * n for n in range(1, 60)]

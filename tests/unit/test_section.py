@@ -761,3 +761,11 @@ def test_what_a_tiff_says_of_its_pixels(tmp_path, options, stated):
     path = tmp_path / "section.tif"
     tifffile.imwrite(path, np.eye(8, dtype=np.uint8), **options)
     assert stated_pixel_um(path) == (pytest.approx(stated) if stated else None)
+
+
+def test_grains_that_a_crack_parts_are_instances_all_the_same(tmp_path):
+    y, x = np.mgrid[:96, :96]
+    numbered = (1 + 8 * (y // 12) + x // 12) * (np.hypot(y % 12 - 6, x % 12 - 6) < 5)
+    numbered[[6, 30, 54]] = 0  # three rows of eight grains are cracked: 88 pieces of 64 grains
+    np.save(tmp_path / "a.npy", numbered.astype(np.uint16))
+    assert guess_kind(tmp_path / "a.npy")[0] == "instances"

@@ -14,6 +14,7 @@ from skimage.morphology import disk, local_maxima, reconstruction
 
 from grainfall.errors import InputError
 from grainfall.morphology import coverage, split_grains, split_pores
+from grainfall.morphology.split import smallest_radius
 
 PHASES = arrays(np.uint8, st.tuples(st.integers(1, 24), st.integers(1, 24)), elements=st.integers(0, 2))
 
@@ -176,3 +177,23 @@ def test_real_grains_are_found(shared_data, root):
     solid = imread(folder / "miocene_20_2_mask.png") > 0
     truth = np.load(folder / "miocene_20_2_instances.npz")["labels"]
     assert score(truth, split_grains(solid.astype(np.uint8)))["f1"] >= 0.85
+
+
+def test_the_limit_lies_between_the_largest_speck_and_the_smallest_grain():
+    """A circle of radius 2 has 12.6 pixels: 13 make a grain, 12 none."""
+    assert np.pi * smallest_radius(2.0) ** 2 == pytest.approx(12.5)
+    phase = np.zeros((9, 30), np.uint8)
+    phase[2:5, 2:6] = phase[2:5, 12:16] = phase[5, 12] = 1
+    labels = split_grains(phase, persistence=0.9)
+    assert labels.max() == 1
+    assert labels[3, 13] == 1
+
+
+def test_a_hole_larger_than_a_pixels_radius_stays_a_hole():
+    """Three pixels are wrong ones; four may be the gap between grains, and shape the distances around it."""
+    phase = np.zeros((50, 50), np.uint8)
+    phase[5:45, 5:45] = 1
+    small, large = phase.copy(), phase.copy()
+    small[24, 24:27], large[24:26, 24:26] = 0, 0
+    assert split_grains(small).max() == 1
+    assert split_grains(large).max() > 1

@@ -25,6 +25,7 @@ from grainfall.stereology import (
     section_kernel,
     to_table,
     unfold,
+    unfold_table,
 )
 from grainfall.stereology.distribution import rebinned
 
@@ -418,3 +419,68 @@ def test_on_any_bins_that_hold_the_sections_all_particles_are_there(method):
     edges = np.linspace(0, radii.max(), 25)
     found = unfold(radii, method=method, edges_um=edges, bootstrap=3, rng=np.random.default_rng(1))
     assert found.f3d @ np.diff(edges) == pytest.approx(1)
+
+
+def test_radii_come_in_random_order_and_at_random_within_their_strata():
+    radii = draw_radii(flat([0.0, 1.0], [1.0]), 1000, np.random.default_rng(0))
+    assert abs(np.corrcoef(radii, np.arange(1000))[0, 1]) < 0.12
+    assert (np.sort(radii) * 1000 % 1).std() == pytest.approx(1 / np.sqrt(12), rel=0.1)
+
+
+def test_figures_are_of_the_density_asked_for():
+    nan = np.full(2, np.nan)
+    dist = SizeDistribution(np.arange(3.0), np.array([1.0, 0]), np.array([0, 1.0]), nan, nan, "test", np.nan)
+    for which, start in (("f2d", 0.0), ("f3d", 1.0)):
+        assert dist.mean(which) == pytest.approx(start + 0.5)
+        assert dist.mean_volume(which) == pytest.approx(np.pi / 3 * ((start + 1) ** 4 - start**4))
+        assert dist.cdf(start + 0.25, which) == pytest.approx(0.25)
+        assert dist.quantile(0.25, which) == pytest.approx(start + 0.25)
+
+
+def test_a_table_gives_all_columns_back():
+    rng = np.random.default_rng(9)
+    dist = unfold(lognormal_sections(40, rng), method="none", bootstrap=5, rng=rng)
+    back = from_table(to_table({(1, "grain"): dist}))[1, "grain"]
+    for name in ("edges_um", "f2d", "f3d", "lower", "upper"):
+        np.testing.assert_array_equal(getattr(back, name), getattr(dist, name))
+
+
+def test_the_band_of_weighted_shares_is_that_of_their_ratio():
+    """A share s of weights 5 and 1: its standard error is s (1 - s) / sqrt(p (1 - p) n), p by number."""
+    radii, n = np.arange(1.0, 301), 300
+    weights = np.where(radii > 150, 5.0, 1.0)
+    rng = np.random.default_rng(0)
+    found = unfold(radii, weights, method="none", edges_um=[0.0, 150.5, 301], bootstrap=2000, rng=rng)
+    share, width = found.masses()[1], (found.upper - found.lower)[1] * 150.5
+    assert share == pytest.approx(5 / 6)
+    assert width == pytest.approx(2 * 1.96 * share * (1 - share) / np.sqrt(n / 4), rel=0.1)
+
+
+def test_sections_that_weigh_next_to_nothing_add_no_detail():
+    radii = lognormal_sections(60, np.random.default_rng(5))
+    more = unfold(np.append(radii, np.repeat(radii, 50)), np.append(np.ones(60), np.full(3000, 1e-9)))
+    np.testing.assert_allclose(more.edges_um, unfold(radii).edges_um)
+
+
+@pytest.mark.parametrize("method", ["tikhonov", "paper"])
+def test_older_rules_find_the_mean_of_wide_distributions_too(method):
+    sigma = 0.5
+    found = unfold(lognormal_sections(4000, np.random.default_rng(3), sigma), method=method)
+    assert found.mean() == pytest.approx(50 * np.exp(sigma**2 / 2), rel=0.08)
+
+
+def test_a_table_is_unfolded_by_its_weights():
+    radii = lognormal_sections(60, np.random.default_rng(5))
+    weight = np.arange(60) % 4.0
+    table = pd.DataFrame({"r_um": radii, "weight": weight})
+    found, expected = unfold_table(table, method="none"), unfold(radii, weight, method="none")
+    np.testing.assert_array_equal(found.f3d, expected.f3d)
+    assert unfold_table(table.assign(weight=0.0)) is None
+
+
+def test_the_penalty_of_few_sections_is_not_the_least_there_is():
+    """What is judged by its own data, or not at all, is never smoothed."""
+    radii = lognormal_sections(100, np.random.default_rng(1), 0.4)
+    assert unfold(radii, method="tikhonov").regularisation > 2e-8
+    found = unfold(radii, method="paper")
+    assert found.regularisation > 2e-8 * np.linalg.norm(midpoint_kernel(found.edges_um), 2) ** 2

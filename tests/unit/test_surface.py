@@ -5,7 +5,7 @@ from dataclasses import astuple
 import numpy as np
 import pytest
 import tifffile
-from scipy import ndimage
+from scipy import ndimage, stats
 
 from grainfall import surface
 
@@ -154,3 +154,34 @@ def test_where_nothing_can_be_seen_of_a_direction_nothing_is_said(lacking):
     found = surface.alignment(lacking)
     assert np.isnan([found.ratio, found.along_deg, found.p]).all()
     assert surface.lies_aligned(found) is None
+
+
+def test_the_error_of_a_ratio_is_that_of_the_mean_of_equal_tiles():
+    part = np.array([1.0, 2.0, 4.0, 7.0])
+    ratio, error = surface.ratio_of_sums(part, np.full(4, 2.0))
+    assert (ratio, error) == pytest.approx((1.75, part.std(ddof=1) / np.sqrt(4) / 2))
+
+
+def test_alignment_is_hotellings_test_over_tiles():
+    """Tiles of one figure, upright or turned over: their harmonics differ in sign alone, which scales out."""
+    figure = np.zeros((16, 16), bool)
+    figure[3:5, 2:14] = figure[np.arange(6, 14), np.arange(3, 11)] = True
+    signs = np.array([(1, 1)] * 9 + [(-1, 1)] * 3 + [(1, -1)] * 3 + [(-1, -1)])
+    section = np.zeros((65, 65), bool)
+    for n, (along, diagonal) in enumerate(signs):
+        tile = (figure if along > 0 else figure.T)[:, ::diagonal]
+        section[16 * (n // 4) :, 16 * (n % 4) :][:16, :16] = tile
+    mean, scatter = signs.mean(axis=0), np.cov(signs.T) / 16
+    squared = mean @ np.linalg.solve(scatter, mean)
+    assert surface.alignment(section).p == pytest.approx(stats.f.sf(squared * 14 / 30, 2, 14))
+
+
+@pytest.mark.parametrize(("ratio", "p", "said"), [(1.3, 1e-4, True), (1.1, 1e-4, False), (1.3, 0.01, False)])
+def test_aligned_is_what_is_both_strong_and_no_chance(ratio, p, said):
+    assert (surface.lies_aligned(surface.Alignment(ratio, 30.0, p)) is not None) == said
+
+
+def test_what_is_left_open_is_two_standard_errors():
+    words = surface.left_open(np.log(2) / 2, 0.01)
+    assert "by a factor of 2 either way" in words
+    assert "porosity by 0.02" in words

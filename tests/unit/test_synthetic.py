@@ -7,7 +7,7 @@ from skimage.measure import regionprops
 
 from grainfall.errors import InputError
 from grainfall.section import Mineral, synthesise
-from grainfall.section.synthetic import _gap, _relax
+from grainfall.section.synthetic import _gap, _radii, _relax
 
 MINERALS = [Mineral("quartz", 0.7, 10.0, 0.2), Mineral("feldspar", 0.3, 7.0, 0.2)]
 
@@ -176,3 +176,43 @@ def test_cubes_of_a_truth_share_no_voxel_and_the_nearest_comes_first(grown):
     assert voxels.max() == 1
     with pytest.raises(InputError, match=r"only 1 cubes of 64 voxels, .* not 2"):
         grown.cubes(64, 2)
+
+
+def test_radii_have_the_mean_and_spread_asked_for():
+    """Of many grains: a lognormal's mean is not its median."""
+    found = _radii(np.random.default_rng(0), Mineral("quartz", 1.0, 10.0, 0.5), 2e8)
+    assert found.mean() == pytest.approx(10.0, rel=0.02)
+    assert found.std() / found.mean() == pytest.approx(0.5, rel=0.04)
+
+
+def test_spheres_pushed_apart_keep_their_common_centre_of_mass():
+    x, r, box = np.array([[20.0, 20, 20], [21, 20.5, 20]]), np.array([1.0, 3.0]), np.full(3, 40.0)
+    apart = _relax(x.copy(), r, box)
+    assert np.linalg.norm(apart[1] - apart[0]) > 3.98
+    assert np.average(apart, axis=0, weights=r**3) == pytest.approx(np.average(x, axis=0, weights=r**3))
+
+
+@pytest.mark.parametrize("packed", [None, 0.963])
+@pytest.mark.parametrize(("exponent", "elongation"), [(2, 0.3), (3, 0.3), (3, 0.0)])
+def test_a_grain_reaches_as_far_as_its_formula_says(exponent, elongation, packed):
+    """Support of |F d|_p <= s along an axis: s times the q-norm of that row of the inverse, 1/p + 1/q = 1."""
+    block, q = [Mineral("quartz", 1.0, 20.0, 0.0, elongation)], exponent / (exponent - 1)
+    for seed in range(4):
+        truth = synthesise(
+            np.random.default_rng(seed), (96,) * 3, 1.0, block,
+            exponent=exponent, solid_fraction=0.02, packed_porosity=packed,
+        )  # fmt: skip
+        bodies, at = truth.bodies, np.argwhere(truth.grain > 0)[:, ::-1] + 0.5
+        assert len(truth.sizes()) == 1
+        reach = (np.abs(np.linalg.inv(bodies.frame[0])) ** q).sum(axis=1) ** (1 / q)
+        found = np.abs((at - bodies.centre[0] + 48) % 96 - 48).max(axis=0)
+        assert found == pytest.approx(reach * bodies.level[0] ** (1 / exponent), abs=1)
+
+
+@pytest.mark.parametrize("exponent", [2, 3])
+def test_a_grain_has_the_volume_of_its_sphere_however_long_it_is(exponent):
+    given = {"exponent": exponent, "solid_fraction": 0.02}
+    truth = synthesise(
+        np.random.default_rng(3), (96,) * 3, 1.0, [Mineral("quartz", 1.0, 10.0, 0.0, 0.3)], **given
+    )
+    assert truth.sizes().r_um.to_numpy() == pytest.approx(10.0, rel=0.005)
