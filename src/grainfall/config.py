@@ -7,7 +7,7 @@ import csv
 import difflib
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from datetime import date
 from pathlib import Path
 
@@ -42,10 +42,15 @@ def is_name(name: str) -> bool:
     return bool(re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,63}", name)) and name.lower() not in RESERVED
 
 
-def _check_name(name: str, where: str, what: str) -> None:
-    if not is_name(name):
-        right = f"{NAME_RULE}, none of: {', '.join(RESERVED)}"
-        raise InputError(where, f"{what} '{name}' is no name", right)
+def _check_names(names: Iterable[str], where: str, what: str) -> None:
+    folded: dict[str, str] = {}
+    for name in names:
+        if not is_name(name):
+            right = f"{NAME_RULE}, none of: {', '.join(RESERVED)}"
+            raise InputError(where, f"{what} '{name}' is no name", right)
+        # one folder on a file system that does not tell cases apart
+        if (other := folded.setdefault(name.lower(), name)) != name:
+            raise InputError(where, f"'{other}' and '{name}' differ in case only", "distinct names")
 
 
 def load_yaml(path: str | Path, ours: bool = False) -> dict:
@@ -318,11 +323,10 @@ def resolve(config: dict, schema: dict, presets: dict, where: str = "config") ->
     preset = config.get("preset", schema["properties"]["preset"]["default"])
     whole = fill(merge(presets.get(preset) or {}, config), schema)
     check(whole, schema, where)
-    for name in whole["data"]:
-        _check_name(name, f"{where}: data", "entry")
+    _check_names(whole["data"], f"{where}: data", "entry")
+    _check_names(whole["variants"], f"{where}: variants", "variant")
     of_variants = {**schema, "required": [], "properties": {k: schema["properties"][k] for k in VARIANT_KEYS}}
     for name, over in whole["variants"].items():
-        _check_name(name, f"{where}: variants", "variant")
         for key in over or {}:
             if key in schema["properties"] and key not in VARIANT_KEYS:
                 raise InputError(
@@ -580,12 +584,8 @@ def read_samples(samples: str | dict, schema: dict, *, files: bool = True) -> di
             rows[key] = _typed(row or {}, schema)
     else:
         where, rows = samples, _read_sheet(samples, "sample", schema["properties"])
-    folded: dict[str, str] = {}
+    _check_names(rows, where, "sample")
     for name, row in rows.items():
-        _check_name(name, where, "sample")
-        # one folder on a file system that does not tell cases apart
-        if (other := folded.setdefault(name.lower(), name)) != name:
-            raise InputError(where, f"samples '{other}' and '{name}' differ in case only", "distinct names")
         check(row, schema, f"{where}: sample {name}")
         _check_sample(row, f"{where}: sample {name}", files)
         rows[name] = canonical(fill(row, schema))

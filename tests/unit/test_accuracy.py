@@ -208,10 +208,9 @@ class TestPick:
             "k",
         ],
     )
-    def test_what_cannot_be_is_refused_in_one_line(self, schema, ready, asked):
-        with pytest.raises(InputError, match="accuracy") as fault:
+    def test_what_cannot_be_is_refused(self, schema, ready, asked):
+        with pytest.raises(InputError, match="accuracy"):
             config.resolve({"samples": "s.tsv", "accuracy": asked}, schema, ready)
-        assert "\n" not in str(fault.value)
 
     def test_committed_table_holds_presets_that_exist(self, ready):
         rows = presets.measured()

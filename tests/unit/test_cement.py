@@ -358,3 +358,53 @@ def test_room_is_made_so_that_cemented_grains_have_the_sizes_of_the_section():
     _, factor = volume.make_room(bodies, {**scene, "margin_um": 12.0}, PLAIN)
     assert factor == pytest.approx((32 + 10) / (32 + 12))
     assert volume.make_room(bodies, {**scene, "margin_um": 0.0}, PLAIN)[1] == 1.0
+
+
+def test_rims_do_not_depend_on_the_unit_of_length():
+    """A voxel of half a micrometre: rims half as thick, in the same voxels; from grains outside, too."""
+    bodies, shape = lattice()
+    beyond = bodies.assign(z=bodies["z"] + 21.0)
+    half = beyond.assign(**{c: beyond[c] / 2 for c in ("x", "y", "z", "scale")})
+    one, other = (volume.cement(b, LIBRARY, shape, h, 0.6, CEMENT) for b, h in ((beyond, 1.0), (half, 0.5)))
+    np.testing.assert_array_equal(one[0], other[0])
+    np.testing.assert_array_equal(one[1], other[1])
+    assert other[2]["rim_um"] == pytest.approx(one[2]["rim_um"] / 2)
+
+
+def test_room_is_made_about_the_middle_of_any_region():
+    """A region of 16 x 32 x 64 um in voxels of half a micrometre: what lies in its middle stays there."""
+    bodies, _ = lattice()
+    scene = {
+        **SCENE,
+        "shape_zyx": [128, 64, 32],
+        "voxel_size_um": 0.5,
+        "margin_um": 64.0,
+        "porosity_target": 0.6,
+    }
+    middle = bodies.iloc[[0]].assign(x=8.0, y=16.0, z=32.0)
+    shrunk, factor = volume.make_room(middle, scene, PLAIN)
+    assert factor < 0.9
+    assert shrunk[["x", "y", "z"]].to_numpy().tolist() == [[8.0, 16.0, 32.0]]
+    # and the bed keeps covering it along its shortest edge
+    _, factor = volume.make_room(middle, {**scene, "margin_um": 12.0}, PLAIN)
+    assert factor == pytest.approx((32 + 10) / (32 + 12))
+
+
+def test_scaling_mends_no_more_than_its_limit():
+    """The lattice is 0.012 above what is aimed at: rims, not positions."""
+    scaling = finished(PLAIN - 0.013)[3]
+    assert not scaling["applied"]
+    assert "not reachable" in scaling["reason"]
+
+
+@pytest.mark.parametrize("less", [0.01, 0.02, 0.03])
+def test_what_lies_farther_out_changes_no_rim(less):
+    """Spheres that the region's face cuts, rims of a voxel: the same with as much around as one likes."""
+    bodies, shape = lattice(spacing=22.0)
+    bodies = bodies.assign(z=bodies["z"] + 9.0)
+    around = volume.voxelise(bodies, LIBRARY, tuple(n + 16 for n in shape), 1.0, (-8.0,) * 3)
+    target = volume.porosity(around[0][8:-8, 8:-8, 8:-8]) - less
+    phase, _, report = volume.cement(bodies, LIBRARY, shape, 1.0, target, CEMENT)
+    expected, _, rim = volume.grow_rims(*around, target, CEMENT, 8)
+    np.testing.assert_array_equal(phase, expected)
+    assert report["rim_um"] == rim

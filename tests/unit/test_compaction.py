@@ -122,3 +122,9 @@ def test_round_grains_leave_nothing_to_press(switch):
     bodies, report = volume.compact(spheres, CUBES, scene, 0.95 * section, dense=True, switch=switch)
     assert bodies is spheres
     assert not report["on"]
+
+
+def test_the_porosity_told_is_that_of_the_pressed_bed(angular):
+    bodies, report = compacted(angular)
+    phase, _ = volume.voxelise(bodies, CUBES, angular[2]["shape_zyx"], 1.0)
+    assert report["porosity"] == volume.porosity(phase)

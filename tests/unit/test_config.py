@@ -159,13 +159,13 @@ def test_names_that_yaml_does_not_leave_as_written(schema, presets, text, words)
         ({"variants": {"../a": {}}}, "is no name"),
         ({"feedback": {"limit": 0.05}}, "feedback.limit"),
         ({"effects": {"cement": "maybe"}}, "one of: auto, on, off"),
+        ({"variants": {"full": {}, "Full": {}}}, "'full' and 'Full' differ in case only"),
         ({"effects": {"cememt": "on"}}, "did you mean 'cement'"),
     ],
 )
 def test_mistakes(schema, presets, bad, words):
-    with pytest.raises(InputError, match=re.escape(words)) as fault:
+    with pytest.raises(InputError, match=re.escape(words)):
         config.resolve({"samples": "s.tsv", **bad}, schema, presets)
-    assert "\n" not in str(fault.value)
 
 
 SHEET = "sample\timage\tkind\tpixel_size_um\n"
@@ -189,14 +189,14 @@ SHEET = "sample\timage\tkind\tpixel_size_um\n"
         (SHEET + "../a\t\tsynthetic\t1\n", "is no name"),
         (SHEET + "benchmarks\t\tsynthetic\t1\n", "is no name"),
         (SHEET + "a\t\tsynthetic\t1\na\t\tsynthetic\t1\n", "twice"),
+        (SHEET + "a\t\tsynthetic\t1\nA\t\tsynthetic\t1\n", "'a' and 'A' differ in case only"),
         (SHEET.replace("kind", "knd") + "a\t\tsynthetic\t1\n", "knd"),
     ],
 )
 def test_sheet_mistakes(tmp_path, sample_schema, text, words):
     (tmp_path / "s.tsv").write_text(text)
-    with pytest.raises(InputError, match=re.escape(words)) as fault:
+    with pytest.raises(InputError, match=re.escape(words)):
         config.read_samples(str(tmp_path / "s.tsv"), sample_schema)
-    assert "\n" not in str(fault.value)
 
 
 def test_sheet_and_mapping_agree(tmp_path, sample_schema):
@@ -258,9 +258,8 @@ def test_a_sweep_is_the_same_as_variants(tmp_path, schema, presets):
 def test_sweep_mistakes(tmp_path, schema, presets, text, words):
     (tmp_path / "sweep.tsv").write_text(text)
     study = {"samples": "s.tsv", "variants": {"full": {}}, "sweep": str(tmp_path / "sweep.tsv")}
-    with pytest.raises(InputError, match=re.escape(words)) as fault:
+    with pytest.raises(InputError, match=re.escape(words)):
         config.resolve(study, schema, presets)
-    assert "\n" not in str(fault.value)
 
 
 def test_a_row_of_a_sweep_does_not_take_the_place_of_what_runs_without_it(tmp_path, schema, presets):
@@ -316,13 +315,13 @@ VALUES = st.recursive(
 
 @settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
-def test_any_config_is_accepted_or_refused_in_one_line(schema, presets, data):
+def test_any_config_is_accepted_or_refused(schema, presets, data):
     keys = st.sampled_from(sorted(schema["properties"])) | st.text(string.printable, max_size=8)
     content = data.draw(st.dictionaries(keys, VALUES, max_size=4))
     try:
         whole = config.resolve({"samples": "s.tsv", **content}, schema, presets)
-    except InputError as fault:
-        assert "\n" not in str(fault)
+    except InputError:
+        pass
     else:
         assert set(whole) >= {"seed", "scene", "packing"}
 

@@ -294,3 +294,42 @@ def test_a_grain_that_leans_on_a_sphere_loses_support_with_it():
     unloaded = forces.assign(force_n=0.0)
     assert contacts.lost_support(unloaded, packed) == {"on_spheres": 0.0, "lost_support": 0.0}
     assert contacts.lost_support(forces, packed[packed["kind"] == "virtual"])["lost_support"] is None
+
+
+@pytest.mark.parametrize(("gap", "found"), [(0.9e-3, 1), (1.1e-3, 0)])
+def test_the_tolerance_is_of_the_mean_diameter(gap, found):
+    """Of spheres 2 and 6 um across: of 4 um. A virtual sphere in the packing is no grain of that mean."""
+    table = bodies(
+        [[0, 0, 0], [4 + 4 * gap, 0, 0], [0, 300, 0]], [1.0, 3.0, 200.0], kind=["grain"] * 2 + ["virtual"]
+    )
+    grains = table[table["kind"] == "grain"]
+    for packed in (None, table):
+        assert len(contacts.find_contacts(grains, library(), None, 1.0, packed=packed)) == found
+
+
+def test_a_contact_lies_in_the_region_by_the_regions_own_edges():
+    table = bodies([[9, 2, 1], [11, 2, 1]])
+    area = contacts.find_contacts(table, library(), np.zeros((2, 4, 12), np.int32), 1.0)["area_um2"]
+    assert area.tolist() == [0]
+
+
+def test_support_is_lost_by_grains_of_the_region_alone():
+    packed = bodies(
+        [[1, 1, 1], [1, 9, 1]] + [[5, 5, 5]] * 3, kind=["grain", "grain", "virtual", "virtual", "virtual"]
+    )
+    forces = pd.DataFrame({"a": [1, 1, 1], "b": [2, 3, 4], "force_n": 1.0})
+    assert contacts.lost_support(forces, packed) == {"on_spheres": 0.5, "lost_support": 0.5}
+    assert contacts.lost_support(forces, packed, (12, 6, 6)) == {"on_spheres": 0.0, "lost_support": 0.0}
+    assert contacts.lost_support(forces, packed, (6, 12, 6)) == {"on_spheres": 0.5, "lost_support": 0.5}
+
+
+def test_a_grain_that_reaches_into_the_region_overlaps_there():
+    table = bodies([[-0.5, 5, 5], [1.3, 5, 5]])
+    assert contacts.max_overlap(table, library(), (10, 10, 10)) == pytest.approx(0.2)
+
+
+def test_minerals_are_counted_in_the_region_too():
+    table = bodies(SIMPLE_CUBIC - 3.0, phase=2)
+    touching = contacts.find_contacts(table, library(), None, 1.0)
+    result = contacts.coordination(touching, table, (2.0, 2.0, 2.0)).set_index("phase")
+    assert result["n_grains"].to_dict() == {0: 1, 2: 1}

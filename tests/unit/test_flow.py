@@ -277,3 +277,38 @@ def test_rounding_eats_no_conductance_of_a_chain():
     ends = np.array([0]), np.array([n])
     assert flow.two_face_conductance(conns, g, *ends) == pytest.approx(1 / (1 / g).sum(), rel=1e-9)
     assert flow.two_face_conductance(conns[:1], g[:1], ends[0], np.array([1])) == 1
+
+
+@pytest.mark.parametrize("method", ["estimate", "elliptic", "direct"])
+def test_on_voxels_permeability_goes_with_their_square(method):
+    pore = duct(4, 6, (7, 8))
+    small, large = (flow.permeability(pore, h, method).set_index("axis").loc["x"] for h in (1.0, 3.0))
+    assert large["k_md"] == pytest.approx(9 * small["k_md"])
+    assert large["formation_factor"] == pytest.approx(small["formation_factor"])
+
+
+def test_a_narrow_throat_takes_its_share_of_the_way():
+    """Dong & Blunt: of each half of the way 0.6 r_t / r_p are the throat's."""
+    net = chain(4.0, 10.0, 2)
+    net["throat.inscribed_diameter"][:] = 2.0
+    pores, throat = 10 - 2 * 0.6 * 2 / 4 * 5, 2 * 0.6 * 2 / 4 * 5
+    hydraulic, electrical = flow.conductances(net, "x")
+    assert electrical == pytest.approx(1 / (pores / 4**2 + throat / 2**2))
+    assert hydraulic == pytest.approx(SQUARE_DUCT / (pores / 4**4 + throat / 2**4), rel=1e-4)
+
+
+@pytest.mark.parametrize(("shape_factor", "factor"), [(0.040, 0.6), (0.068, 0.5623), (0.074, 0.5)])
+def test_a_section_conducts_as_the_nearer_of_square_and_circle(shape_factor, factor):
+    net = chain(3.0, 10.0, 2)
+    net["pore.shape_factor"][:] = net["throat.shape_factor"][:] = shape_factor
+    area = 3.0**2 / (16 * shape_factor)
+    assert flow.conductances(net, "x")[0] == pytest.approx(factor * shape_factor * area**2 / 10)
+
+
+def test_a_dead_end_does_not_span():
+    net = chain(3.0, 10.0, 6)
+    keep = np.arange(6) != 3
+    assert flow.spanning(net, "x").all()
+    cut = network.subnetwork(net, keep)
+    cut["pore.xmax"][:] = False
+    assert not flow.spanning(cut, "x").any()

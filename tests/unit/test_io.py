@@ -120,13 +120,12 @@ def test_failed_write_keeps_the_old_file_and_no_litter(tmp_path):
 
 
 @pytest.mark.parametrize("keep", [0, 10, 200])
-def test_truncated_volume_is_one_line(tmp_path, volume, keep):
+def test_truncated_volume_is_refused(tmp_path, volume, keep):
     path = tmp_path / "v.zarr.zip"
     io.write_volume(path, {"phase": volume}, 1.0)
     path.write_bytes(path.read_bytes()[:keep])
-    with pytest.raises(InputError, match=r"v\.zarr\.zip: not a readable volume") as fault:
+    with pytest.raises(InputError, match=r"v\.zarr\.zip: not a readable volume"):
         io.read_volume(path)
-    assert "\n" not in str(fault.value)
 
 
 def test_a_file_that_cannot_be_opened_is_not_to_be_deleted(tmp_path, volume):

@@ -338,3 +338,10 @@ def test_dust_is_not_poured(which):
     median = 10.0 * (0.5 if which == "f2d" else 1.0)
     assert radii.min() == pytest.approx(0.02 * median)
     assert np.median(radii) == pytest.approx(median)
+
+
+def test_scattered_passes_are_not_extrapolated_far():
+    """Two passes all but alike say nothing of odds a thousand times theirs."""
+    from grainfall.packing.virtual import next_odds
+
+    assert next_odds([(0.0, 1.5), (0.1, 1.5 + 1e-6)], 2.0) <= 4 * 0.1

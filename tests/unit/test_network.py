@@ -514,3 +514,68 @@ def test_a_network_half_written_leaves_nothing(tmp_path, monkeypatch, name, writ
     with pytest.raises(OSError, match="No space left"):
         getattr(network, f"save_{name}")(network.empty(), tmp_path / f"net.{name}")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_pore_of_one_voxel_is_measured():
+    """Its wall is its six faces, its length its edge, its sphere that of its volume."""
+    pore = np.zeros((7, 7, 7), bool)
+    pore[3, 3, 3] = True
+    net = network.extract(pore, 2.0)
+    assert net["pore.surface_area"] == pytest.approx([6 * 2**2])
+    assert net["pore.shape_factor"] == pytest.approx([1 / 36])
+    assert net["pore.equivalent_diameter"] == pytest.approx([2 * (6 / np.pi) ** (1 / 3)])
+
+
+def test_openings_are_no_pores_and_lengths_go_from_pore_to_pore(porous):
+    net = network.extract(porous, 2.0)
+    inner = ~net["pore.boundary"]
+    linked = inner & (network.coordination_numbers(net) > 0)
+    assert len(network.element_sizes(net)["pore_radius_um"]) == linked.sum() < inner.size
+    ends = net["pore.coords"][net["throat.conns"]]
+    assert net["throat.direct_length"] == pytest.approx(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1))
+    area = net["throat.cross_sectional_area"]
+    assert np.pi / 4 * net["throat.equivalent_diameter"] ** 2 == pytest.approx(area)
+    for kind in ("pore", "throat"):
+        assert (net[f"{kind}.shape_factor"] <= (1 + 1e-9) / (4 * np.pi)).all()
+
+
+def test_pores_are_as_wide_as_the_whole_pore_space_lets_them():
+    net = network.extract(dumbbell(), 1.0)
+    sizes = network.element_sizes(net | {"pore.inscribed_diameter": net["pore.inscribed_diameter"] / 2})
+    assert sizes["pore_radius_um"] == pytest.approx(network.element_sizes(net)["pore_radius_um"])
+
+
+def test_the_interface_about_an_enclosed_pore_has_the_area_of_its_shadow():
+    """The faces of a ball of voxels: those across each axis cover its disc twice."""
+    from grainfall.network.geometry import cross_sections
+
+    ball = balls([(20, 20, 20)], 15.3, (41, 41, 41))
+    faces = sum(np.count_nonzero(np.diff(ball.astype(int), axis=axis)) for axis in range(3))
+    area, _ = cross_sections(np.zeros((1, 3)), np.array([float(faces)]))
+    assert area == pytest.approx([np.pi * 15.3**2], rel=0.02)
+
+
+@pytest.mark.parametrize(("persistence", "pores"), [(0.3, 2), (0.5, 1)])
+def test_a_neck_is_held_against_the_radius_of_the_pore(persistence, pores):
+    """Balls of radius 12 that meet in a neck of radius 7: it narrows by 0.42 of theirs, 0.71 of its own."""
+    pore = balls([(16, 16, 16), (36, 16, 16)], 12.2, (33, 33, 53))
+    assert len(network.extract(pore, 1.0, persistence=persistence)["pore.coords"]) == pores
+
+
+def test_statoil_tells_pores_from_throats(porous, tmp_path):
+    net = network.extract(porous, 2.0)
+    network.save_statoil(net, tmp_path / "rock", (80.0, 72.0, 64.0))
+    inner = ~net["pore.boundary"]
+    radius = np.loadtxt(tmp_path / "rock_node2.dat")[:, 2]
+    assert radius == pytest.approx(net["pore.inscribed_diameter"][inner] / 2 * 1e-6, rel=1e-5)
+    conns = net["throat.conns"]
+    known = inner | net["pore.xmin"] | net["pore.xmax"]
+    through = known[conns].all(axis=1) & (conns[:, 0] != conns[:, 1])
+    # the first pore, the second, and the throat between
+    lengths = network.conduit_lengths(net)[through][:, [0, 2, 1]] * 1e-6
+    assert np.loadtxt(tmp_path / "rock_link2.dat")[:, 3:6] == pytest.approx(lengths, rel=1e-5)
+
+
+def test_percentiles_rise(porous):
+    table = network.summarise(network.extract(porous, 1.0))
+    assert (table["p10"] < table["p90"]).all()

@@ -129,6 +129,61 @@ def test_a_damaged_file_is_not_used(study):
         provenance.check_files(["results/rock/section.csv"])
 
 
+def test_of_two_records_the_first_by_name_counts(study):
+    for name, content in (("b", "later\n"), ("a", "section\n")):
+        io.write_text("results/rock/section.csv", content)
+        provenance.write_record(f"results/rock/logs/{name}.json", name, [], ["results/rock/section.csv"], {})
+    provenance.check_files(["results/rock/section.csv"])  # as "a" wrote it
+    io.write_text("results/rock/section.csv", "later\n")
+    with pytest.raises(InputError, match="is not what a wrote"):
+        provenance.check_files(["results/rock/section.csv"])
+
+
+def test_a_record_counts_while_any_of_its_outputs_is_there(study):
+    one, other = "results/rock/one.csv", "results/rock/other.csv"
+    for path in (one, other):
+        io.write_text(path, "as made")
+    provenance.write_record("results/rock/logs/both.json", "both", [], [one, other], {})
+    (study / one).unlink()
+    io.write_text(other, "damaged")
+    with pytest.raises(InputError, match="is not what both wrote"):
+        provenance.check_files([other])
+
+
+def test_a_run_rests_on_all_files_of_its_samples(study, root):
+    run = io.read_json("results/provenance.json")
+    row = {**run["samples"]["rock"], "grey": "grey.tif", "reference": "rock.tif"}
+    for path in ("grey.tif", "rock.tif"):
+        io.write_text(path, path)
+    found = provenance.of_run(
+        "results", [], root, files=[], overrides={}, config=run["config"]["resolved"], samples={"rock": row}
+    )
+    assert found["inputs"] == {
+        path: provenance.checksum(path) for path in ("rock.png", "grey.tif", "rock.tif")
+    }
+
+
+@pytest.mark.parametrize(
+    ("key", "line"),
+    [("lock", "requirements.lock is another"), ("source", "the source of grainfall is another")],
+)
+def test_another_lock_and_another_source_are_told(study, root, key, line):
+    run = io.read_json("results/provenance.json")
+    io.write_json("results/provenance.json", {**run, key: "x"})
+    (change,) = changes(root)
+    assert change.startswith(f"version: {line}")
+
+
+def test_jobs_of_other_versions_are_named(study, root):
+    path = study / "results/rock/full/0/provenance.json"
+    document = io.read_json(path)
+    document["jobs"]["logs/twin.json"]["versions"]["numpy"] = "1"
+    io.write_json(path, document)
+    (change,) = changes(root)
+    assert change.startswith("version: numpy was '1'")
+    assert change.endswith("(jobs twin)")
+
+
 def test_records_are_read_once_however_many_files(study, monkeypatch):
     read = []
     once = provenance.records

@@ -30,9 +30,11 @@ from grainfall.report import (
     judgement,
     metrics_table,
     network_values,
+    packing_values,
     paired_differences,
     phase_values,
     read_costs,
+    resettling_values,
     sampling_values,
     save_figure,
     section_comparison,
@@ -1150,3 +1152,85 @@ def test_several_samples_stand_side_by_side(tree, tmp_path):
     assert 'href="#sample-1"' in table
     build_report(root, ["demo"], root / "report.html")
     assert "All samples" not in (root / "report.html").read_text()
+
+
+def test_what_the_packing_jobs_say_of_a_twin():
+    """Four of 24 voxels are pore, eight cement; seven of ten bodies were grains."""
+    phase = np.ones((2, 3, 4), np.uint8)
+    phase[0, 0], phase[0, 1], phase[1, :2] = 0, 2, 3
+    scene = {
+        "phases": ["pore", "quartz", "feldspar"],
+        "shape_zyx": [2, 3, 4],
+        "voxel_size_um": 2.0,
+        "porosity_target": 0.2,
+        "mean_diameter_um": 5.0,
+    }
+    # by x, y, z: a region of 8 x 6 x 4 um
+    bodies = pd.DataFrame(
+        {
+            "phase": [1, 2, 2],
+            "x": [7.0, 1, 1],
+            "y": [1.0, 7, 1],
+            "z": [1.0, 1, 3],
+            "asleep": [True, True, False],
+        }
+    )
+    told = {"contacts": 1, "euler": 1, "contact_area_um2": 1.0, "shared_share": 0.1}
+    found = packing_values(
+        scene, {"porosity_first": 0.4},
+        {"poured": 10, "poured_grains": 7, "p_sp": 0.3, "max_overlap": 0.01,
+         "rest": {"drift_mean": 0.0, "net_force": 0.0, "energy_rise": 0.0}},
+        {"before": {**told, "porosity": 0.3}, "after": {**told, "porosity": 0.29}, "scale_factor": 1.0},
+        bodies, phase,
+    )  # fmt: skip
+    assert (found["porosity"], found["cement_share"]) == (4 / 24, 8 / 24)
+    assert (found["porosity_target"], found["porosity_first"], found["porosity_second"]) == (0.2, 0.4, 0.3)
+    assert (found["n_virtual"], found["n_grains"], found["voxels_per_grain"]) == (3, 2, 2.5)
+    assert found["asleep"] == pytest.approx(2 / 3)
+
+
+def test_k_is_the_mean_of_the_axes_by_the_same_method():
+    def table(*k, methods=("network", "direct")):
+        k = np.array(k)
+        each = [
+            pd.DataFrame({"method": m, "axis": list("xyz"), "k_md": n * k}) for n, m in enumerate(methods, 1)
+        ]
+        return pd.concat(each)
+
+    found = flow_values(table(100.0, 200.0, 600.0), table(1.0, 2.0, 3.0)[::-1], "direct")
+    assert found["k_md"] == (600, 200, 1200)
+    assert [found[f"k_ref_{a}_md"] for a in "xyz"] == [2, 4, 6]
+    # nothing to hold against what was not measured by that method
+    assert flow_values(table(1.0, 1.0, 1.0), table(1.0, 1.0, 1.0, methods=["direct"]))["k_ref_x_md"] is None
+
+
+def test_a_bed_that_settled_anew_is_told_as_it_came_to_lie():
+    change = {"porosity_before": 0.4, "porosity_after": 0.38, "s2_change": 0.01, "moved_share": 0.2}
+    assert resettling_values(change) == {
+        "porosity_resettled": 0.38,
+        "s2_resettled": 0.01,
+        "moved_resettled": 0.2,
+    }
+    assert set(resettling_values(None).values()) == {None}
+
+
+def test_targets_have_two_sides():
+    assert words({"porosity": 0.3, "porosity_target": 0.309})["porosity"][0] == "missed"
+    assert words({"k_x_md": 1000.0, "k_ref_x_md": 900.0})["k_x_md"][0] == "missed"
+
+
+@pytest.mark.parametrize(("p", "said"), [(0.05, "cannot"), (0.049, "can")])
+def test_a_section_is_told_apart_below_the_level(p, said):
+    (line,) = headline([metrics_table({"s2_envelope_p": p})])
+    assert f"the section {said} be told" in line
+
+
+def test_a_twin_that_conducts_half_as_much_is_said_to():
+    k = {f"k_{a}_md": 450.0 for a in "xyz"} | {f"k_ref_{a}_md": 900.0 for a in "xyz"}
+    assert any("50% below the reference" in line for line in headline([metrics_table(k)]))
+
+
+def test_slices_of_a_twin_weigh_as_the_section_does():
+    one = pd.DataFrame({"phase": 1, "r_um": [1.0], "weight": [1.0]})
+    two = pd.DataFrame({"phase": 1, "r_um": [1.0, 3.0, 99.0], "weight": [3.0, 1.0, 0.0]})
+    assert section_comparison(one, None, two, None)["w1_grains_um"] == pytest.approx(0.25 * 2)

@@ -993,3 +993,83 @@ def test_plan_gives_reason_and_cost_or_saving_of_every_effect():
         "cost_s": None,
         "saved_s": 2.0,
     }
+
+
+def test_the_smallest_void_of_a_library_is_the_least():
+    table = pd.DataFrame({"phase": [VOID, VOID, 1], "r2d_um": [8.0, 12.0, 2.0]})
+    from grainfall.packing.voids import smallest_void
+
+    assert smallest_void(Library(*[[np.zeros((1, 3))] * 3] * 2, table)) == 8.0
+
+
+def test_a_section_of_cut_circles_alone_has_no_tail():
+    cut, whole = circles([5.0, 40.0]).assign(weight=0.0), circles([5.0] * 50, 10)
+    found = packing.pore_tail(cut, whole, 0.3, 0.3, np.random.default_rng(0))
+    assert (found.target_um, found.exceeds) == (None, False)
+
+
+def test_both_surfaces_are_uncertain():
+    """Two hundredths apart, of standard errors of one hundredth each: 1.4 of what both leave open."""
+    near = packing.Overgrowth(SolidSurface(0.10, 0.01), SolidSurface(0.12, 0.01), 0.02)
+    assert not near.exceeds
+    assert not packing.Overgrowth(SolidSurface(0.10, 0.001), SolidSurface(0.12, 0.02), 0.02).exceeds
+
+
+def test_what_moved_is_told_by_its_own_radius():
+    before = pd.DataFrame({"x": [0.0, 0.0], "y": 0.0, "z": 0.0, "scale": [1.0, 100.0]})
+    after = before.assign(x=[0.2, 0.2])
+    assert packing.moved_share(before, after) == 0.5
+
+
+def test_refinement_is_no_part_of_what_a_packing_takes():
+    """A plan tells the first pour and the finer one apart, and spheres from lubrication."""
+    first = {"poured": 9, "engine": "PhysX", "steps": 7, "wall_s": 9.0}
+    first |= {"n_hulls": 8, "n_decomposed": 1, "n_spheres": 0, "collision_excess": 0.02, "hull_excess": 0.03}
+    first |= {"parameters": {"decomposition": "auto", "heavy": 5.0}, "largest": 4.5}
+    first["refinement"] = {**packing.decide("auto", True, "overlap"), "cost_s": 6.0}
+    plan = deficit(0.42, tail=VUGS)[1]
+    _, second = Bed(0.42, slick=0.15).second(plan)
+    scaling = {"applied": True, "forced": False, "reason": "positions scaled", "wall_s": 4.0, "passes": 4}
+    cement = {**packing.decide("off", False, "no need"), "wall_s": 0.0}
+    cement["compaction"] = {**packing.decide("auto", False, "there are no rims"), "wall_s": 0.0}
+    second = {**second, "largest": 1.0, "voids": None}
+    shapes = {"on": False, "forced": False, "reason": "a distance map parts the grains"}
+    found = packing.effects_plan(shapes, scene(), first, plan, second, scaling, cement)
+    assert found["gravity_packing"]["cost_s"] == 3.0
+    told = found["virtual_spheres"]["cost_s"] + found["densification"]["cost_s"]
+    assert told == pytest.approx(sum(one["wall_s"] for one in second["passes"]))
+
+
+def test_volumes_are_those_of_the_sizes_that_are_poured():
+    """Circles half as wide as the grains: an eighth of the volume, eight times as many."""
+    edges, small, large = np.array([9.8, 10.2, 19.6, 20.4]), np.array([2.5, 0, 0]), np.array([0, 0, 1.25])
+    sizes = stereology.SizeDistribution(edges, small, large, large, large, "given", float("nan"))
+    one = {**SECTION, "phases": ["pore", "quartz"], "fractions": [1.0]}
+    true, seen = (
+        packing.plan_scene({(1, "grain"): sizes}, one, **{**SCENE, "sizes_from": f}) for f in ("f3d", "f2d")
+    )
+    assert true["mean_volumes_um3"] == pytest.approx([8 * v for v in seen["mean_volumes_um3"]])
+    assert true["edge_um"] == seen["edge_um"]
+    assert packing.poured_grains(seen) == pytest.approx(8 * packing.poured_grains(true))
+    side = true["edge_um"] + 2 * true["margin_um"]
+    assert packing.poured_grains(true, 0.5) == pytest.approx(0.5 * side**3 / true["mean_volumes_um3"][0])
+
+
+def test_spheres_lie_between_a_throat_and_a_quarter_of_the_region():
+    """Pores of all sizes: what slips between grains holds nothing, what is wider would be the region."""
+    edge, radius = scene()["edge_um"], (3 * 1e4 / (4 * np.pi)) ** (1 / 3)
+    pores = stereology.SizeDistribution(
+        np.array([0, edge]), *[np.array([1 / edge])] * 4, "given", float("nan")
+    )
+    found, _ = packing.plan_deficit(
+        scene(), pores, None, NO_TAIL, APART, 0.35, 1e4, switch="auto", limit=0.01
+    )
+    assert found.quantile(np.array([0.0, 1.0])) == pytest.approx([(2 / 3**0.5 - 1) * radius, edge / 4])
+
+
+def test_the_share_of_a_tail_is_of_the_rock_on_either_side():
+    """Beyond a radius of 5 lie 4000 of 6250 of the section's pore area, and 100 of 2350 of the packing's."""
+    section, first = circles([5.0] * 90 + [20.0] * 10), circles([5.0] * 90 + [10.0], 7)
+    found = packing.pore_tail(section, first, 0.3, 0.6, np.random.default_rng(0))
+    assert found.first_um == 5.0
+    assert found.share == pytest.approx(0.3 * 4000 / 6250 - 0.6 * 100 / 2350)

@@ -341,10 +341,9 @@ def test_one_section_is_read_as_its_particle():
         ([1.0, 2.0], {"edges_um": [3.0, 0.0]}),
     ],
 )
-def test_a_users_mistake_is_one_line(radii, arguments):
-    with pytest.raises(InputError) as fault:
+def test_a_users_mistake_is_refused(radii, arguments):
+    with pytest.raises(InputError):
         unfold(radii, **arguments)
-    assert "\n" not in str(fault.value)
 
 
 @settings(max_examples=40, deadline=None)

@@ -234,3 +234,11 @@ def test_one_table_for_all_methods():
 def test_mistakes_are_named(solve, pore, given, named):
     with pytest.raises(InputError, match=named):
         solve(pore, **given)
+
+
+@pytest.mark.parametrize("solve", SOLVERS.values(), ids=SOLVERS)
+def test_the_flux_through_a_distance_field_carries_k(solve):
+    at = np.arange(14) - 6.2
+    distance = 5.1 - np.hypot(at[:, None], at)
+    found = solve(np.repeat(distance[:, :, None], 3, axis=2), "x")
+    assert found.flux[2].sum(axis=(0, 1)) == pytest.approx(np.full(4, found.k * 14**2 / 3), rel=1e-6)

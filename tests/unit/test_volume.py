@@ -595,3 +595,52 @@ def test_a_bed_between_its_voids_is_the_bed_without_them():
     same = volume.bed_between_voids(pd.concat([whole[~hole], virtual]), library, scene, 8.0)
     assert same == holed
     assert volume.bed_between_voids(whole.iloc[:0], library, scene, 8.0) is None
+
+
+def test_the_first_voxel_of_an_image_has_its_centre_half_a_voxel_in(tmp_path):
+    volume.export_metaimage(tmp_path / "a.mhd", np.zeros((2, 3, 4), np.uint8), 2.5)
+    header = dict(line.split(" = ") for line in (tmp_path / "a.mhd").read_text().splitlines())
+    assert header["Offset"] == "1.25 1.25 1.25"
+
+
+def test_shared_is_counted_of_the_solid():
+    """Two unit spheres on one place and one elsewhere: half of the solid is claimed twice."""
+    rows = [(-1, 4.0, at) for at in ((8, 8, 8), (8, 8, 8), (24, 8, 8))]
+    _, report = volume.correct_porosity(bodies_of(rows), library_of(), (16, 16, 32), 1.0, 0.9, switch="off")
+    assert report["before"]["shared_share"] == pytest.approx(0.5)
+
+
+def test_voids_lie_in_the_region_by_its_own_edges():
+    """A ball of radius 10 about (45, 30, 30) um."""
+    bodies, library = cavity(12.0, 10.0)
+    bodies["x"] += 15.0
+    assert volume.void_width(bodies, library, (120, 120, 100), 0.5) is None
+    assert volume.void_width(bodies, library, (100, 100, 120), 0.5) is not None
+
+
+def test_a_bed_between_voids_does_not_depend_on_the_voxel():
+    at = np.random.default_rng(3).uniform(-20, 60, (6000, 3))
+    library = library_of(trimesh.creation.box(extents=(1, 1, 1)))
+    bodies = bodies_of([(0, 2.0, tuple(p)) for p in at])
+    one, half = (
+        volume.bed_between_voids(
+            bodies, library, {"shape_zyx": (n,) * 3, "voxel_size_um": 40 / n, "resolution_um": 1.0}, 8.0
+        )
+        for n in (40, 80)
+    )
+    assert half.voids == pytest.approx(one.voids, abs=0.02)
+    assert half.porosity == pytest.approx(one.porosity, abs=0.02)
+
+
+def test_porosity_of_moved_regions_goes_by_the_voxel():
+    bodies, library = random_pack(np.random.default_rng(3), n=12, edge=12.0)
+    found = volume.porosity_about(bodies, library, (10, 11, 12), 0.5, 1)
+    expected = volume.packed_porosity(packing.move(bodies, (0.5, 0.0, -0.5)), library, (10, 11, 12), 0.5)
+    assert found[0, 1, 2] == pytest.approx(expected, abs=1e-12)
+
+
+def test_ties_do_not_care_where_a_volume_is_cut():
+    """21 planes of six voxels fit into what is read at a time: an odd number."""
+    phase = np.zeros((252, 12, 12), np.uint8)
+    phase[:, :, ::2] = 1  # half of every block
+    assert np.array_equal(read_pore_space(phase, 1.0, 6)[0], coarsen(phase == 0, 1.0, 6)[0])
