@@ -245,7 +245,6 @@ def test_random_star_masks_give_sound_grains(seed, roughness, resolution):
     assert_closed(grain)
     if grain.reading == "angle":
         assert_star_shaped(grain)
-    assert grain.stretch >= 1
 
 
 def test_mesh_is_refined_only_where_that_helps():
@@ -349,7 +348,6 @@ def test_library_shapes_are_normalised_and_described(library):
         assert row.hull_excess == pytest.approx(mesh.convex_hull.volume / mesh.volume - 1, abs=1e-6)
         assert row.hull_excess >= 0
         assert row.sphericity == pytest.approx(4 * np.pi / mesh.area, rel=1e-4)
-        assert row.aspect_ratio == pytest.approx(1 / (row.elongation * row.flatness))
         assert row.aspect_ratio >= 1
 
 

@@ -22,15 +22,6 @@ def test_each_part_of_the_origin_matters(k):
     assert (random.generator(*ORIGIN).random(8) != random.generator(*other).random(8)).all()
 
 
-@given(st.integers(0, 10**9), st.text(max_size=20), st.integers(-1, 10**6))
-def test_names_do_not_run_into_each_other(seed, sample, realization):
-    """(1, "a", 12) and (11, "a", 2) are different origins."""
-    a = random.generator(seed, sample, realization, "c").random()
-    b = random.generator(seed, sample, realization, "c ").random()
-    assert a != b
-    assert 0 <= a < 1
-
-
 @given(st.tuples(*[st.integers(3, 9)] * 3), st.integers(1, 30), st.integers(0, 2**32 - 1))
 def test_slices_are_different_inside_and_balanced(shape, n, seed):
     drawn = random.slices(np.random.default_rng(seed), shape, n)
