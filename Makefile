@@ -82,7 +82,7 @@ engines: $(VENV)/.ready  ## PhysX and Bullet side by side, five paired realizati
 report: $(VENV)/.ready  ## Snakemake's own report of the finished demo
 	$(BIN)/snakemake --report results/snakemake-report.html
 
-lint: $(VENV)/.ready  ## format, lint and layers, as the tests of a change want them
+lint: $(VENV)/.ready  ## ruff, snakefmt, snakemake --lint, import-linter
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/snakefmt --check Snakefile workflow
