@@ -107,7 +107,7 @@ bench-stereology: $(VENV)/.ready
 bench-segmentation: $(VENV)/.ready
 	$(BIN)/python tests/benchmarks/segmentation.py --out results/benchmarks/segmentation.csv
 
-bench-engines: $(VENV)/.ready
+bench-engines: $(VENV)/.ready  ## Bullet, and the settings of the paper one by one, against the default
 	$(BIN)/python tests/benchmarks/engines.py --out results/benchmarks/engines.csv
 
 bench-creep: $(VENV)/.ready

@@ -2,8 +2,9 @@
 
     python tests/benchmarks/engines.py [--edge 3.5] [--seeds 3] [--out results/benchmarks/engines.csv]
 
-Columns: engine, parameters, inertia, contact_manifold, seed, n_bodies, wall_s, cpu_s, steps, ms_per_step,
-mean_active, porosity, max_overlap, mean_overlap, asleep, escaped. Overlaps: collision shapes, smaller radii.
+Columns: engine, parameters, inertia, contact_manifold, sleep_speed, seed, n_bodies, wall_s, cpu_s, steps,
+ms_per_step, mean_active, porosity, max_overlap, mean_overlap, asleep, escaped. Overlaps: collision shapes,
+smaller radii.
 """
 
 from __future__ import annotations
@@ -68,6 +69,7 @@ def measure(library: Library, edge: float, seed: int, name: str, **changes: obje
         "parameters": name,
         "inertia": parameters.inertia,
         "contact_manifold": parameters.contact_manifold if parameters.engine == "physx" else "",
+        "sleep_speed": parameters.sleep_speed,
         "seed": seed,
         "n_bodies": len(bodies),
         "wall_s": report["wall_s"],
@@ -98,6 +100,7 @@ def main() -> None:
             ("default", {"engine": "physx"}),
             ("default", {"engine": "physx", "inertia": "paper"}),
             ("default", {"engine": "physx", "contact_manifold": "persistent"}),
+            ("default", {"engine": "physx", "sleep_speed": 0.01, "sleep_steps": 300}),
             ("default", {"engine": "bullet"}),
             ("paper", {"engine": "physx"}),
         ):
@@ -106,7 +109,7 @@ def main() -> None:
     table = pd.DataFrame(rows)
     io.write_table(given.out, table)
     print(
-        table.groupby(["engine", "parameters", "inertia", "contact_manifold"])
+        table.groupby(["engine", "parameters", "inertia", "contact_manifold", "sleep_speed"])
         .mean(numeric_only=True)
         .T.to_string()
     )
