@@ -19,7 +19,7 @@ from grainfall.packing import (
     virtual_sizes,
 )
 from grainfall.packing.mixing import phase_probabilities_linear
-from grainfall.packing.virtual import THROAT
+from grainfall.packing.virtual import THROAT, next_odds
 
 
 @dataclass
@@ -342,6 +342,4 @@ def test_dust_is_not_poured(which):
 
 def test_scattered_passes_are_not_extrapolated_far():
     """Two passes all but alike say nothing of odds a thousand times theirs."""
-    from grainfall.packing.virtual import next_odds
-
     assert next_odds([(0.0, 1.5), (0.1, 1.5 + 1e-6)], 2.0) <= 4 * 0.1

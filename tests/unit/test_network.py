@@ -7,6 +7,7 @@ import pytest
 
 from grainfall import export, io, network, volume
 from grainfall.errors import InputError
+from grainfall.network.geometry import cross_sections
 
 pytest.importorskip("porespy")
 
@@ -547,8 +548,6 @@ def test_pores_are_as_wide_as_the_whole_pore_space_lets_them():
 
 def test_the_interface_about_an_enclosed_pore_has_the_area_of_its_shadow():
     """The faces of a ball of voxels: those across each axis cover its disc twice."""
-    from grainfall.network.geometry import cross_sections
-
     ball = balls([(20, 20, 20)], 15.3, (41, 41, 41))
     faces = sum(np.count_nonzero(np.diff(ball.astype(int), axis=axis)) for axis in range(3))
     area, _ = cross_sections(np.zeros((1, 3)), np.array([float(faces)]))

@@ -11,6 +11,7 @@ from grainfall.errors import InputError
 from grainfall.grains import VOID, Library
 from grainfall.morphology import Intergranular
 from grainfall.packing.densify import SLICK
+from grainfall.packing.voids import smallest_void
 from grainfall.surface import SolidSurface
 
 SCENE = {
@@ -997,8 +998,6 @@ def test_plan_gives_reason_and_cost_or_saving_of_every_effect():
 
 def test_the_smallest_void_of_a_library_is_the_least():
     table = pd.DataFrame({"phase": [VOID, VOID, 1], "r2d_um": [8.0, 12.0, 2.0]})
-    from grainfall.packing.voids import smallest_void
-
     assert smallest_void(Library(*[[np.zeros((1, 3))] * 3] * 2, table)) == 8.0
 
 
