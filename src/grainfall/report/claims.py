@@ -93,6 +93,7 @@ def _surely_above(*rows: Mapping | None) -> str:
 
 
 def _surely_below(row: Mapping | None, limit: float) -> str:
+    """Whether a figure is surely below a limit, or surely above it."""
     if row is None or math.isnan(row["lower"]):
         return OPEN
     return SHOWN if row["upper"] < limit else NOT_SHOWN if row["lower"] > limit else OPEN
