@@ -948,20 +948,23 @@ def test_decisions(switch, called_for, possible, on, words):
     }
 
 
-def test_plan_gives_reason_and_cost_or_saving_of_every_effect():
-    first = {"poured": 9, "engine": "PhysX", "steps": 7, "wall_s": 3.0}
+def effects(plan, second, refinement, *, first_s, largest):
+    """The plan of a twin without rims, of these two packings."""
+    first = {"poured": 9, "engine": "PhysX", "steps": 7, "wall_s": first_s, "refinement": refinement}
     first |= {"n_hulls": 8, "n_decomposed": 1, "n_spheres": 0, "collision_excess": 0.02, "hull_excess": 0.03}
     first |= {"parameters": {"decomposition": "auto", "heavy": 5.0}, "largest": 4.5}
-    first["refinement"] = {**packing.decide("auto", False, "no overlap"), "cost_s": None}
-    bed = Bed(0.47)
-    plan = deficit(0.47)[1]
-    _, second = bed.second(plan)
+    second = {**second, "largest": largest, "voids": None}
     scaling = {"applied": True, "forced": False, "reason": "positions scaled", "wall_s": 4.0, "passes": 4}
     cement = {**packing.decide("off", False, "no need"), "wall_s": 0.0}
     cement["compaction"] = {**packing.decide("auto", False, "there are no rims"), "wall_s": 0.0}
-    second = {**second, "largest": 6.5, "voids": None}
     shapes = {"on": False, "forced": False, "reason": "a distance map parts the grains"}
-    found = packing.effects_plan(shapes, scene(), first, plan, second, scaling, cement)
+    return packing.effects_plan(shapes, scene(), first, plan, second, scaling, cement)
+
+
+def test_plan_gives_reason_and_cost_or_saving_of_every_effect():
+    bed, plan = Bed(0.47), deficit(0.47)[1]
+    refinement = {**packing.decide("auto", False, "no overlap"), "cost_s": None}
+    found = effects(plan, bed.second(plan)[1], refinement, first_s=3.0, largest=6.5)
     assert all(effect["reason"] for effect in found.values())
     optional = (
         "decomposition refinement weight_limit phase_mixing virtual_spheres densification placement "
@@ -1022,18 +1025,10 @@ def test_what_moved_is_told_by_its_own_radius():
 
 def test_refinement_is_no_part_of_what_a_packing_takes():
     """A plan tells the first pour and the finer one apart, and spheres from lubrication."""
-    first = {"poured": 9, "engine": "PhysX", "steps": 7, "wall_s": 9.0}
-    first |= {"n_hulls": 8, "n_decomposed": 1, "n_spheres": 0, "collision_excess": 0.02, "hull_excess": 0.03}
-    first |= {"parameters": {"decomposition": "auto", "heavy": 5.0}, "largest": 4.5}
-    first["refinement"] = {**packing.decide("auto", True, "overlap"), "cost_s": 6.0}
     plan = deficit(0.42, tail=VUGS)[1]
     _, second = Bed(0.42, slick=0.15).second(plan)
-    scaling = {"applied": True, "forced": False, "reason": "positions scaled", "wall_s": 4.0, "passes": 4}
-    cement = {**packing.decide("off", False, "no need"), "wall_s": 0.0}
-    cement["compaction"] = {**packing.decide("auto", False, "there are no rims"), "wall_s": 0.0}
-    second = {**second, "largest": 1.0, "voids": None}
-    shapes = {"on": False, "forced": False, "reason": "a distance map parts the grains"}
-    found = packing.effects_plan(shapes, scene(), first, plan, second, scaling, cement)
+    refinement = {**packing.decide("auto", True, "overlap"), "cost_s": 6.0}
+    found = effects(plan, second, refinement, first_s=9.0, largest=1.0)
     assert found["gravity_packing"]["cost_s"] == 3.0
     told = found["virtual_spheres"]["cost_s"] + found["densification"]["cost_s"]
     assert told == pytest.approx(sum(one["wall_s"] for one in second["passes"]))
