@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 from scipy import stats
@@ -14,7 +14,7 @@ PIXEL = 0.5
 """Pixel of the section, voxels of the packs."""
 
 
-def packs(
+def rock(
     cv: float,
     stream: Callable[[str], np.random.Generator],
     *,
@@ -22,65 +22,97 @@ def packs(
     voxels_per_radius: float,
     edge: int,
     grains: int,
-) -> Iterator[dict]:
-    """A truth, and packs of the sizes that its section tells with and without the inversion.
-
-    Radii are gamma distributed: the tail of a lognormal distribution would not fit into the box. Both packs
-    draw from one stream of numbers, so that the comparison is paired.
+) -> Truth:
+    """A truth: spheres of gamma distributed radii, as the tail of a lognormal distribution would not fit.
 
     Parameters
     ----------
     cv : float
         Standard deviation of the radii over their mean.
     stream : callable
-        Name of a chapter to its random numbers.
+        Takes the name of a chapter (``chapter=``), gives its random numbers.
     porosity : float
-        Of all packs.
     voxels_per_radius : float
-        Mean radius of the truth, voxels.
+        Mean radius, voxels of 1 um.
     edge : int
-        Least edge of a pack, voxels; more where two of its largest spheres would not fit beside each other.
+        Least edge of the box, voxels; more where two of its largest spheres would not fit beside each other.
     grains : int
-        Whole grains that the section of the truth is to show: it is as large as that takes, and a tenth more.
-
-    Yields
-    ------
-    dict
-        variant (truth, full or no_inversion), sections (grains measured), porosity, r_um and r_sauter_um
-        (mean radius and sum r^3 over sum r^2, for voxels of 1 um), k_md (mean of three axes).
+        Whole grains that its section is to show: it is as large as that takes, and a tenth more.
     """
     share = (np.arange(1000) + 0.5) / 1000
-    quantiles = stats.gamma.ppf(share, 1 / cv**2, scale=voxels_per_radius * cv**2)
+    radii = stats.gamma.ppf(share, 1 / cv**2, scale=voxels_per_radius * cv**2)
+    side = section_side(radii, porosity, 1.1 * grains)
+    return _spheres(radii, (_room(radii, edge), side, side), porosity, stream(chapter="section/synthetic"))
 
-    def room(radii: np.ndarray) -> int:
-        return max(edge, int(np.ceil(4.2 * radii.max())))
 
-    def spheres(chapter: str, shape: tuple[int, int, int], radii: np.ndarray) -> Truth:
-        glass = Mineral("glass", 1.0, radii.mean(), 0.0, 0.0, radii)
-        return synthesise(stream(chapter), shape, 1.0, [glass], exponent=2, packed_porosity=porosity)
-
-    side = section_side(quantiles, porosity, 1.1 * grains)
-    truth = spheres("section/synthetic", (room(quantiles), side, side), quantiles)
+def seen(truth: Truth) -> tuple[stereology.SizeDistribution, int]:
+    """Sizes that the section of a truth tells, with and without the inversion, and by how many whole grains."""
     phase, grain = truth.section(PIXEL)
     section = morphology.analyse(phase, PIXEL, instances=grain)
-    seen, smallest = section.grains, section.smallest_um
-    sizes = stereology.unfold_table(seen, method="adaptive", smallest_um=smallest, bootstrap=0)
-    for variant, which in (("truth", None), ("full", "f3d"), ("no_inversion", "f2d")):
-        if which is None:
-            pack, solid = truth, truth.cubes(edge)[0]
-        else:
-            drawn = np.sort(stereology.draw_radii(sizes, 20_000, stream("sizes"), which))
-            pack = spheres("packing", (room(drawn),) * 3, drawn)
-            solid = pack.phase  # all of its periodic box, which has the porosity to a voxel
-        r = pack.sizes().r_um
-        yield {
-            "variant": variant,
-            "sections": int((seen.weight > 0).sum()),
-            "porosity": (solid == 0).mean(),
-            "r_um": r.mean(),
-            "r_sauter_um": (r**3).sum() / (r**2).sum(),
-            "k_md": flow.permeability(solid == 0, 1.0, "network").k_md.mean(),
-        }
+    sizes = stereology.unfold_table(
+        section.grains, method="adaptive", smallest_um=section.smallest_um, bootstrap=0
+    )
+    return sizes, int((section.grains.weight > 0).sum())
+
+
+def pack(
+    sizes: stereology.SizeDistribution,
+    which: str,
+    stream: Callable[[str], np.random.Generator],
+    *,
+    porosity: float,
+    edge: int,
+) -> Truth:
+    """Spheres of sizes that a section told, in a periodic cube, all of which has the porosity to a voxel.
+
+    With the inversion and without they draw from one stream of numbers, so that the comparison is paired.
+
+    Parameters
+    ----------
+    sizes : SizeDistribution
+        Voxels.
+    which : {"f3d", "f2d"}
+        With the inversion, or radii of sections taken for those of spheres.
+    stream, porosity, edge
+        See :func:`rock`.
+    """
+    radii = np.sort(stereology.draw_radii(sizes, 20_000, stream(chapter="sizes"), which))
+    return _spheres(radii, (_room(radii, edge),) * 3, porosity, stream(chapter="packing"))
+
+
+def measured(spheres: Truth, phase: np.ndarray) -> dict:
+    """Sizes of spheres, and the permeability of a piece of them.
+
+    Parameters
+    ----------
+    spheres : Truth
+    phase : ndarray of uint8, (z, y, x)
+        The piece; 0 is pore.
+
+    Returns
+    -------
+    dict
+        porosity, r_um and r_sauter_um (mean radius and sum r^3 over sum r^2), k_md (mean of three axes).
+    """
+    r = spheres.sizes().r_um
+    return {
+        "porosity": (phase == 0).mean(),
+        "r_um": r.mean(),
+        "r_sauter_um": (r**3).sum() / (r**2).sum(),
+        "k_md": flow.permeability(phase == 0, 1.0, "network").k_md.mean(),
+    }
+
+
+def _room(radii: np.ndarray, edge: int) -> int:
+    """Edge of a box in which two of the largest fit beside each other, voxels."""
+    return max(edge, int(np.ceil(4.2 * radii.max())))
+
+
+def _spheres(
+    radii: np.ndarray, shape: tuple[int, int, int], porosity: float, rng: np.random.Generator
+) -> Truth:
+    glass = Mineral("glass", 1.0, radii.mean(), 0.0, 0.0, radii)
+    return synthesise(rng, shape, 1.0, [glass], exponent=2, packed_porosity=porosity)
 
 
 def section_side(radii: np.ndarray, porosity: float, grains: float) -> int:

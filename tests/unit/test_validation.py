@@ -703,16 +703,48 @@ def test_the_mineral_with_the_fewest_whole_grains_is_told(tmp_path):
     assert _of_section(tmp_path, 0.4, None)["grains_section"] == (2, None)
 
 
+def packs_of_a_sweep(folder, truths, packs):
+    """A study of size bias at CV 0.3: K of cubes, then (variant, mean and Sauter radius, K) of packs."""
+    columns = ["variant", "r_um", "r_sauter_um", "k_md"]
+    cubes = [("truth", 10.0, 12.0, k) for k in truths]
+    of_truth = pd.DataFrame(cubes, columns=columns).assign(sections=100, realization=range(len(cubes)))
+    io.write_table(folder / "cv_sweep/0.3/7/truth.csv", of_truth)
+    io.write_table(folder / "cv_sweep/0.3/7/sizes.csv", pd.DataFrame({"phase": [1]}))
+    for n, rows in enumerate(packs):
+        of_packs = pd.DataFrame(rows, columns=columns).assign(realization=n)
+        io.write_table(folder / f"cv_sweep/0.3/7/{n}.csv", of_packs)
+
+
 def test_a_sweep_of_scaled_packings_takes_size_out(tmp_path):
     """The same bed 1.5 times as large: K goes with the square of the radius."""
-    rows = [("truth", 10.0, 12.0, 100.0), ("full", 10.0, 12.0, 100.0), ("no_inversion", 15.0, 18.0, 225.0)]
-    table = pd.DataFrame(rows, columns=["variant", "r_um", "r_sauter_um", "k_md"]).assign(cv=0.3, truth=0)
-    io.write_table(tmp_path / "cv_sweep/0/0.csv", table)
-    found = {(r[2], r[4].partition("@")[0]): r[5] for r in _of_sweep(tmp_path)}
+    packs_of_a_sweep(tmp_path, [100.0], [[("full", 10.0, 12.0, 100.0), ("no_inversion", 15.0, 18.0, 225.0)]])
+    rows = _of_sweep(tmp_path)
+    assert {row[0:2] for row in rows} == {("cv_sweep", "truth_7")}
+    assert all(row[4].endswith("@cv0.3") for row in rows)
+    found = {(r[2], r[4].partition("@")[0]): r[5] for r in rows}
     assert {q: v for (variant, q), v in found.items() if variant == "no_inversion"} == pytest.approx(
         {"r_mean_ratio": 1.5, "k_ratio": 2.25, "k_of_full": 2.25, "k_over_r2_ratio": 1, "k_over_rs2_ratio": 1}
     )
     assert ("full", "k_of_full") not in found
+
+
+def test_packs_of_a_sweep_are_held_against_the_mean_of_cubes_and_pack_by_pack(tmp_path):
+    packs = [
+        [("full", 10.0, 12.0, 100.0), ("no_inversion", 10.0, 12.0, 50.0)],
+        [("full", 10.0, 12.0, 40.0), ("no_inversion", 10.0, 12.0, 60.0)],
+    ]
+    packs_of_a_sweep(tmp_path, [80.0, 120.0], packs)
+    found = {(r[2], r[3], r[4].partition("@")[0]): r[5] for r in _of_sweep(tmp_path)}
+    assert [found["full", n, "k_ratio"] for n in (0, 1)] == pytest.approx([1.0, 0.4])
+    assert [found["no_inversion", n, "k_of_full"] for n in (0, 1)] == pytest.approx([0.5, 1.5])
+
+
+def test_a_truth_of_a_sweep_without_packs_or_without_flow_says_nothing(tmp_path):
+    assert _of_sweep(tmp_path) == []
+    packs_of_a_sweep(tmp_path, [100.0], [])
+    assert _of_sweep(tmp_path) == []
+    packs_of_a_sweep(tmp_path, [0.0], [[("full", 10.0, 12.0, 100.0)]])
+    assert {row[4] for row in _of_sweep(tmp_path)} == {"r_mean_ratio@cv0.3"}
 
 
 def small_network_at(stem):

@@ -185,7 +185,10 @@ def test_more_judges_make_no_twin_anew(studied):
     assert set(jobs) <= {*measured, "case"}
     sweep = {**SWEEP, "truths": 2, "cv": [0.3, 0.5]}
     write_config(studied, {**TINY, "case": "cv_sweep", "cv_sweep": sweep}, "more.yaml")
-    assert planned(studied, "--", "case", config="more.yaml")["sweep"] == 3
+    jobs = planned(studied, "--", "case", config="more.yaml")
+    assert jobs == {"size_bias_truth": 3, "size_bias_packs": 3 * 2, "case": 1}
+    write_config(studied, {**TINY, "case": "cv_sweep", "cv_sweep": SWEEP, "realizations": 3}, "more.yaml")
+    assert planned(studied, "--", "case", config="more.yaml") == {"size_bias_packs": 1, "case": 1}
 
 
 def test_samples_of_a_case_may_stand_in_a_sheet(studied, tmp_path):

@@ -261,6 +261,8 @@ wildcard_constraints:
     data=any_of(CONFIG["data"]),
     variant=any_of(VARIANTS),
     realization=r"\d+",
+    cv=r"[0-9.]+",
+    truth=r"\d+",
     method=any_of(ON_VOXELS),
     packing="first|second",
     axis="x|y|z",
@@ -698,7 +700,7 @@ def come_so_far(wildcards):
     found = [
         *Path("results").glob("*/*/*/metrics.csv"),
         *Path("results").glob("*/*/*/second/volume.zarr.zip"),  # of figures
-        *Path("results").glob("cv_sweep/*/*.csv"),
+        *Path("results").glob("cv_sweep/*/*/*.csv"),
         *Path("results").glob("*/reference_*.csv"),
         *Path("results").glob("*/*/reference_*.csv"),  # tomograms, further cubes
         *Path("results").glob("*/*/s2_envelope.json"),
@@ -738,10 +740,20 @@ def sweep_of_case(wildcards):
         return []
     sweep = CONFIG["cv_sweep"]
     return expand(
-        "results/cv_sweep/{cv}/{truth}.csv",
+        "results/cv_sweep/{cv}/{truth}/{name}.csv",
         cv=[f"{cv:g}" for cv in sweep["cv"]],
         truth=range(sweep["truths"]),
+        name=["truth", *REALIZATIONS],
     )
+
+
+def size_bias_stream(wildcards):
+    """Whose random numbers a step draws: chapters add their names."""
+    return {
+        "seed": CONFIG["seed"],
+        "sample": f"cv_sweep/{wildcards.cv}/{wildcards.truth}",
+        "realization": int(getattr(wildcards, "realization", -1)),
+    }
 
 
 def tomograms_of_case(wildcards):

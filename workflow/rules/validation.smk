@@ -30,28 +30,49 @@ rule case:
     localrule: True
 
 
-rule sweep:
+rule size_bias_truth:
     output:
-        "results/cv_sweep/{cv}/{truth}.csv",
+        truth="results/cv_sweep/{cv}/{truth}/truth.csv",
+        sizes="results/cv_sweep/{cv}/{truth}/sizes.csv",
     log:
-        "results/cv_sweep/{cv}/logs/{truth}.log",
+        "results/cv_sweep/{cv}/{truth}/logs/truth.log",
     benchmark:
-        "results/cv_sweep/{cv}/benchmarks/{truth}.tsv"
-    wildcard_constraints:
-        cv=r"[0-9.]+",
-        truth=r"\d+",
+        "results/cv_sweep/{cv}/{truth}/benchmarks/truth.tsv"
     conda:
         ENVS["analysis"]
     resources:
         mem_mb=4000,
         runtime=60,
     params:
-        seed=CONFIG["seed"],
+        stream=size_bias_stream,
         # not which others there are: one more makes no other anew
         sweep={k: v for k, v in CONFIG["cv_sweep"].items() if k not in ("cv", "truths")},
+        cubes=CONFIG["reference_cubes"],
         science=science("size_bias"),
     script:
-        "../../scripts/sweep.py"
+        "../../scripts/size_bias_truth.py"
+
+
+rule size_bias_packs:
+    input:
+        sizes="results/cv_sweep/{cv}/{truth}/sizes.csv",
+    output:
+        "results/cv_sweep/{cv}/{truth}/{realization}.csv",
+    log:
+        "results/cv_sweep/{cv}/{truth}/logs/{realization}.log",
+    benchmark:
+        "results/cv_sweep/{cv}/{truth}/benchmarks/{realization}.tsv"
+    conda:
+        ENVS["analysis"]
+    resources:
+        mem_mb=2000,
+        runtime=30,
+    params:
+        stream=size_bias_stream,
+        pack={k: CONFIG["cv_sweep"][k] for k in ("porosity", "edge")},
+        science=science("size_bias"),
+    script:
+        "../../scripts/size_bias_packs.py"
 
 
 use rule s2_envelope as tomogram_envelope with:

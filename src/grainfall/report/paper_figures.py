@@ -45,6 +45,7 @@ from grainfall.report.validation import (
     describe,
     mean_s2,
     network_sizes,
+    size_bias,
 )
 
 DASHED, DOTTED = (0, (4, 1.5)), (0, (1, 1.2))
@@ -845,40 +846,32 @@ def _k_axes(axes, cases: Cases) -> None:
 @styled
 def cv_sweep(cases: Cases) -> Figure | None:
     """Mean radius, K, K/R² and K over the squared Sauter radius against the spread of sizes."""
-    paths = sorted((cases.root / "cv_sweep").glob("*/*.csv"))
-    if not paths:
+    ratios = size_bias(cases.root)
+    if ratios.empty:
         return None
-    table = pd.concat([io.read_table(p) for p in paths])
-    table["k_over_r2"] = table["k_md"] / table["r_um"] ** 2
-    table["k_over_rs2"] = table["k_md"] / table["r_sauter_um"] ** 2
-    truth = table[table["variant"] == "truth"].set_index(["cv", "truth"])
+    # of every truth the mean of its packs
+    means = ratios.groupby(["variant", "cv", "truth"]).mean(numeric_only=True)
     figure = Figure(figsize=(WIDTH, 2.7))
     panels = figure.subplots(1, 4)
     for axes in panels[2:]:
         axes.sharey(panels[1])
-    names = (("r_um", "mean radius over the truth's"), ("k_md", "K over the truth's"),
-             ("k_over_r2", "K/R² over the truth's"),
-             ("k_over_rs2", "K/R₃₂² over the truth's"))  # fmt: skip
+    names = (("r_mean_ratio", "mean radius over the truth's"), ("k_ratio", "K over the truth's"),
+             ("k_over_r2_ratio", "K/R² over the truth's"),
+             ("k_over_rs2_ratio", "K/R₃₂² over the truth's"))  # fmt: skip
     looks = (("full", TWIN, "o", "with the inversion"), ("no_inversion", FIRST, "s", "without"))
     for axes, letter, (column, label) in zip(panels, "abcd", names, strict=True):
         for shift, (variant, colour, mark, name) in zip((-0.006, 0.006), looks, strict=True):
-            own = table[table["variant"] == variant].set_index(["cv", "truth"])
-            ratio = (own[column] / truth[column]).groupby("cv")
+            ratio = means.loc[variant, column].groupby("cv")
             mean, n = ratio.mean(), ratio.size()
-            axes.plot(
-                ratio.obj.index.get_level_values("cv") + shift,
-                ratio.obj,
-                mark,
-                ms=2.5,
-                color=to_rgba(colour, 0.45),
-            )
+            at = ratio.obj.index.get_level_values("cv") + shift
+            axes.plot(at, ratio.obj, mark, ms=2.5, color=to_rgba(colour, 0.45))
             count = f"{n.max()}" if n.min() == n.max() else f"{n.min()} to {n.max()}"
             axes.plot(
                 mean.index + shift, mean, color=colour, marker=mark, ms=5, lw=1.3, mec="black", mew=0.5,
-                label=f"{name} (n = {count})",
+                label=f"{name} ({count} truths)",
             )  # fmt: skip
         axes.axhline(1, color="black", lw=0.8)
-        if column == "r_um":
+        if column == "r_mean_ratio":
             cv = np.linspace(0, 0.75, 100)
             axes.plot(cv, np.pi / 4 * (1 + cv**2), color=SECTION, ls=DASHED, lw=1.2, label="(π/4)(1 + CV²)")
         axes.set(xlabel="CV of the true radii", ylabel=label, xlim=(0.03, 0.77))

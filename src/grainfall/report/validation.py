@@ -601,33 +601,49 @@ def _of_tomogram(sample: Path) -> dict[str, tuple]:
     }
 
 
+def size_bias(results: str | Path) -> pd.DataFrame:
+    """Packs of the study of size bias over their truths, whose K is the mean of cubes.
+
+    Returns
+    -------
+    DataFrame
+        cv, truth, variant, realization, then ratios: r_mean_ratio and k_ratio, k_of_full (to the pack with
+        the inversion), K over the square of the mean radius and over that of the Sauter radius.
+    """
+    tables = []
+    for path in sorted((Path(results) / "cv_sweep").glob("*/*/truth.csv")):
+        true = io.read_table(path).mean(numeric_only=True)
+        packs = [io.read_table(p) for p in sorted(path.parent.glob("*.csv")) if p.stem.isdigit()]
+        if packs:
+            own = pd.concat(packs, ignore_index=True)
+            full = own[own["variant"] == "full"].set_index("realization")["k_md"].replace(0, np.nan)
+            ratio = own["k_md"] / (true["k_md"] or np.nan)
+            found = own[["variant", "realization"]].assign(
+                r_mean_ratio=own["r_um"] / true["r_um"],
+                k_ratio=ratio,
+                k_of_full=own["k_md"] / own["realization"].map(full),
+                k_over_r2_ratio=ratio * (true["r_um"] / own["r_um"]) ** 2,
+                k_over_rs2_ratio=ratio * (true["r_sauter_um"] / own["r_sauter_um"]) ** 2,
+            )
+            found.loc[own["variant"] == "full", "k_of_full"] = np.nan
+            cv, truth = path.parts[-3:-1]
+            tables.append(found.assign(cv=float(cv), truth=int(truth)))
+    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
+
+
 def _of_sweep(root: Path) -> list[tuple]:
-    """K and K over the squared radius against the truth's, by CV."""
-
-    def aim(quantity: str) -> float | None:
-        return None if quantity == "k_of_full" else 1.0
-
-    rows = []
-    for path in sorted((root / "cv_sweep").glob("*/*.csv")):
-        table = io.read_table(path).set_index("variant")
-        cv, n = f"{table['cv'].iloc[0]:g}", int(table["truth"].iloc[0])
-        true, k_full = table.loc["truth"], table["k_md"].get("full")
-        for variant, row in table.drop("truth").iterrows():
-            values = {
-                "r_mean_ratio": row["r_um"] / true["r_um"],
-                "k_ratio": _over(row["k_md"], true["k_md"]),
-                "k_of_full": _over(row["k_md"], k_full) if variant != "full" else None,
-                **{
-                    name: _over(row["k_md"] / row[r] ** 2, true["k_md"] / true[r] ** 2)
-                    for name, r in (("k_over_r2_ratio", "r_um"), ("k_over_rs2_ratio", "r_sauter_um"))
-                },
-            }
-            rows += [
-                ("cv_sweep", f"truth_{n}", variant, 0, f"{quantity}@cv{cv}", value, aim(quantity))
-                for quantity, value in values.items()
-                if value is not None
-            ]
-    return rows
+    """Ratios of the study of size bias, by CV."""
+    ratios = size_bias(root)
+    if ratios.empty:
+        return []
+    long = ratios.melt(["cv", "truth", "variant", "realization"], var_name="quantity").dropna()
+    return [
+        (
+            "cv_sweep", f"truth_{of.truth}", of.variant, of.realization, f"{of.quantity}@cv{of.cv:g}", of.value,
+            None if of.quantity == "k_of_full" else 1.0,
+        )
+        for of in long.itertuples()
+    ]  # fmt: skip
 
 
 def slice_porosities(phase: np.ndarray) -> np.ndarray:
