@@ -64,18 +64,6 @@ def results_folder(snakemake) -> str:
 
 
 @contextmanager
-def checkpoints(snakemake):
-    """Folder for what a killed job leaves to its next run; gone when the block ends well, the record written.
-
-    Its name holds the science and the versions: what other code began is not carried on.
-    """
-    folder = Path(snakemake.output.bodies).with_name(".checkpoints")
-    versions = zlib.crc32(repr(sorted(provenance.versions().items())).encode())
-    yield folder / f"{snakemake.params.science}-{versions:08x}"
-    shutil.rmtree(folder, ignore_errors=True)
-
-
-@contextmanager
 def stage(snakemake):
     """Run a script's work with its output in the rule's log.
 
@@ -115,3 +103,16 @@ def stage(snakemake):
             with suppress(OSError):
                 sys.stdout.flush()
                 sys.stderr.flush()
+
+
+@contextmanager
+def resumable_stage(snakemake):
+    """A stage with a folder for what a killed job leaves to its next run; gone once the record is written.
+
+    Its name holds the science and the versions: what other code began is not carried on.
+    """
+    folder = Path(snakemake.output.bodies).with_name(".checkpoints")
+    versions = zlib.crc32(repr(sorted(provenance.versions().items())).encode())
+    with stage(snakemake) as progress:
+        yield progress, folder / f"{snakemake.params.science}-{versions:08x}"
+    shutil.rmtree(folder, ignore_errors=True)

@@ -1,10 +1,10 @@
 """First packing: reconstructed grains alone, poured under gravity."""
 
-from _stage import checkpoints, stage
+from _stage import resumable_stage
 
 from grainfall import grains, io, packing, random, stereology
 
-with checkpoints(snakemake) as folder, stage(snakemake) as progress:
+with resumable_stage(snakemake) as (progress, checkpoints):
     scene = io.read_json(snakemake.input.scene)
     sizes = stereology.from_table(io.read_table(snakemake.input.sizes))
     library = grains.Library.load(snakemake.input.library)
@@ -12,7 +12,9 @@ with checkpoints(snakemake) as folder, stage(snakemake) as progress:
 
     def pack_with(parameters):
         rng = random.generator(**snakemake.params.stream, chapter="packing/first")
-        return packing.pack(scene, sizes, library, parameters, rng, progress=progress, checkpoints=folder)
+        return packing.pack(
+            scene, sizes, library, parameters, rng, progress=progress, checkpoints=checkpoints
+        )
 
     bodies, report = packing.pack_first(
         pack_with,

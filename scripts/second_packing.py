@@ -1,10 +1,10 @@
 """Second packing: virtual spheres and denser beds, until the porosity without the spheres is the target's."""
 
-from _stage import checkpoints, stage
+from _stage import resumable_stage
 
 from grainfall import grains, io, packing, random, stereology, volume
 
-with checkpoints(snakemake) as folder, stage(snakemake) as progress:
+with resumable_stage(snakemake) as (progress, checkpoints):
     files, settings = snakemake.input, snakemake.params.settings
     scene, deficit = io.read_json(files.scene), io.read_json(files.deficit)
     sizes = stereology.from_table(io.read_table(files.sizes))
@@ -35,7 +35,7 @@ with checkpoints(snakemake) as folder, stage(snakemake) as progress:
             void_scale=void_scale,
             rest=False,
             progress=progress,
-            checkpoints=folder,
+            checkpoints=checkpoints,
         )
 
     def rested(poured, lubrication, taps):

@@ -1,4 +1,4 @@
-"""Spheres of one spread of sizes: what their section tells of the sizes, and the permeability of cubes of them."""
+"""Spheres of one spread of sizes: what their section tells of it, and the permeability of cubes of them."""
 
 from functools import partial
 

@@ -46,7 +46,7 @@ def rock(
 
 
 def seen(truth: Truth) -> tuple[stereology.SizeDistribution, int]:
-    """Sizes that the section of a truth tells, with and without the inversion, and by how many whole grains."""
+    """Sizes that the section of a truth tells, with the inversion and without, and its whole grains."""
     phase, grain = truth.section(PIXEL)
     section = morphology.analyse(phase, PIXEL, instances=grain)
     sizes = stereology.unfold_table(

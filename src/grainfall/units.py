@@ -7,11 +7,6 @@ MILLIDARCY_M2 = 9.869233e-16
 """One millidarcy in square metres."""
 
 
-def m2_to_millidarcy(k_m2: float) -> float:
-    """Permeability from square metres to millidarcy."""
-    return k_m2 / MILLIDARCY_M2
-
-
 def um2_to_millidarcy(k_um2: float) -> float:
     """Permeability from square micrometres to millidarcy."""
     return k_um2 * 1e-12 / MILLIDARCY_M2

@@ -36,7 +36,7 @@ from grainfall.flow import direct, elliptic
 from grainfall.grains import Library
 from grainfall.packing import Parameters, container, deposit
 from grainfall.section import read_reference
-from grainfall.units import m2_to_millidarcy, um2_to_millidarcy
+from grainfall.units import um2_to_millidarcy
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared/data"
 BEREA_VOXEL_UM = 5.345
@@ -260,7 +260,7 @@ def main() -> None:
                         k, factor, wall_s = through(pore, CELL_UM / n, "x", method, repeated)
                         table.add((sample, None, "x", method, k, k_ref, factor, np.nan, wall_s))
     if "andra" in given.samples:
-        k_ref = m2_to_millidarcy(sum(ANDRA_K_M2) / 2)
+        k_ref = um2_to_millidarcy(sum(ANDRA_K_M2) / 2 * 1e12)
         for n in given.andra:
             distance, voxel_um = andra(n)
             for method in given.methods:

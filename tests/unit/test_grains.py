@@ -620,8 +620,8 @@ def test_glb_colours_are_those_of_the_phases(bodies, library, tmp_path):
     assert (1, 2, 3) not in {c for n, c in found.items() if not n.startswith("phase2")}
 
 
-def test_export_of_one_shape(library, tmp_path):
-    grains.export_shape(library, 2, tmp_path / "grain.stl", scale_um=25.0)
+def test_an_exported_body_has_its_volume(bodies, library, tmp_path):
+    grains.export_bodies(bodies.iloc[[0]].assign(scale=25.0), library, tmp_path / "grain.stl")
     assert trimesh.load(tmp_path / "grain.stl").volume == pytest.approx(4 / 3 * np.pi * 25**3, rel=1e-4)
 
 

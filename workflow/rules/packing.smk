@@ -5,7 +5,6 @@ rule scene:
     input:
         sizes=f"{SAMPLE}/sizes.csv",
         summary=f"{SAMPLE}/section.json",
-        section=f"{SAMPLE}/section.zarr.zip",
     output:
         scene=f"{VARIANT}/scene.json",
     log:

@@ -1,7 +1,7 @@
 """Grains: closed 3D shapes from the masks of a section, and their exact mass properties."""
 
 from grainfall.grains.contours import Unusable
-from grainfall.grains.export import export_bodies, export_lammps, export_shape
+from grainfall.grains.export import export_bodies, export_lammps
 from grainfall.grains.library import SPHERE, Library, build_library, cut, sphere
 from grainfall.grains.profiles import random_profiles, spread_planes
 from grainfall.grains.shape import Grain, grain_from_contours, grain_from_masks, mass_properties, unit_contour
@@ -17,7 +17,6 @@ __all__ = [
     "cut",
     "export_bodies",
     "export_lammps",
-    "export_shape",
     "grain_from_contours",
     "grain_from_masks",
     "mass_properties",

@@ -31,14 +31,6 @@ QUARTZ_KG_M3 = 2650.0
 _Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 
 
-def export_shape(library: Library, shape: int, path: str | Path, scale_um: float = 1.0) -> None:
-    """Write one shape of the library (−1: a sphere), at an equal-volume radius, as ``.glb`` or ``.stl``."""
-    phase = 0 if shape < 0 else int(library.table["phase"].iloc[shape])
-    body = {"kind": "grain", "phase": phase, "shape": shape, "scale": scale_um}
-    body |= {"x": 0.0, "y": 0.0, "z": 0.0, "qw": 1.0, "qx": 0.0, "qy": 0.0, "qz": 0.0}
-    export_bodies(pd.DataFrame([body]), library, path)
-
-
 def export_bodies(
     bodies: pd.DataFrame,
     library: Library,

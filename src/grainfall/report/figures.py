@@ -726,6 +726,18 @@ def s2_figure(
 
 
 @styled
+def draw_pore_volume_below(axes, networks: Sequence[tuple[Mapping[str, np.ndarray], Mapping]]) -> None:
+    """Share of the pore volume in pores up to a radius: (sizes of its elements, look of the line) of each.
+
+    Cumulative, as a few large pores hold much of the volume and radii are no finer than voxels: bins would
+    rise and fall with each. What lies between two curves is their Wasserstein distance.
+    """
+    radii = np.linspace(0, max(sizes["pore_radius_um"].max() for sizes, _ in networks), 400)
+    for sizes, look in networks:
+        axes.plot(radii, pore_volume_below(sizes, radii), **look)
+    axes.set(xlim=(0, radii[-1]), ylim=(0, 1.02))
+
+
 def network_figure(
     sizes: Mapping[str, np.ndarray],
     reference: Mapping[str, np.ndarray] | None = None,
@@ -755,13 +767,8 @@ def network_figure(
             axes.text(0.5, 0.5, "none", ha="center", transform=axes.transAxes, style="italic")
             continue
         if kind == "pore_radius_um":
-            # cumulative, as a few large pores hold much of the volume: bins would rise and fall with each
-            radii = np.linspace(0, max(map(np.max, values.values())), 400)
-            for name in values:
-                below = pore_volume_below(samples[name], radii)
-                look = {"color": TWIN} if name == "twin" else {"color": TRUTH, "ls": (0, (4, 1.5)), "lw": 1.8}
-                axes.plot(radii, below, **look)
-            axes.set(xlim=(0, radii[-1]), ylim=(0, 1.02))
+            looks = {"twin": {"color": TWIN}, "reference": {"color": TRUTH, "ls": (0, (4, 1.5)), "lw": 1.8}}
+            draw_pore_volume_below(axes, [(samples[name], looks[name]) for name in values])
             continue
         # the last half per cent of a long tail would squeeze the rest
         last = np.quantile(np.concatenate(list(values.values())), 0.995)

@@ -580,21 +580,17 @@ def _network_panel(axes, r: Results, slab_um: float) -> None:
 
 
 def _pore_sizes(axes, volumes: Sequence[tuple], *, by_number: bool = False) -> None:
-    """Share of the pore volume, or of all pores, in network pores up to a radius, pooled over twins.
-
-    Cumulative, as radii of pores are no finer than voxels: bins would show those of the coarsest volume. What
-    lies between two curves is their Wasserstein distance.
-    """
-    drawn = [(network.pooled_sizes(v), colour, style, name) for v, colour, style, name in volumes if v]
-    radii = np.linspace(0, max(sizes["pore_radius_um"].max() for sizes, *_ in drawn), 400)
-    for sizes, colour, style, name in drawn:
-        if by_number:
-            sizes = sizes | {"pore_volume_um3": np.ones(len(sizes["pore_radius_um"]))}
-        below = network.pore_volume_below(sizes, radii)
-        axes.plot(radii, below, color=colour, ls=style, lw=1.6, label=name)
+    """Share of the pore volume, or of all pores, in network pores up to a radius, pooled over twins."""
+    drawn = []
+    for of_each, colour, style, name in volumes:
+        if of_each:
+            sizes = network.pooled_sizes(of_each)
+            if by_number:
+                sizes = sizes | {"pore_volume_um3": np.ones(len(sizes["pore_radius_um"]))}
+            drawn.append((sizes, {"color": colour, "ls": style, "lw": 1.6, "label": name}))
+    figures.draw_pore_volume_below(axes, drawn)
     what = "pores" if by_number else "pore volume"
     axes.set(xlabel="network pore radius (µm)", ylabel=f"share of {what} below")
-    axes.set(xlim=(0, radii[-1]), ylim=(0, 1.02))
     axes.legend(fontsize=7, loc="lower right")
 
 

@@ -637,13 +637,11 @@ def _of_sweep(root: Path) -> list[tuple]:
     if ratios.empty:
         return []
     long = ratios.melt(["cv", "truth", "variant", "realization"], var_name="quantity").dropna()
-    return [
-        (
-            "cv_sweep", f"truth_{of.truth}", of.variant, of.realization, f"{of.quantity}@cv{of.cv:g}", of.value,
-            None if of.quantity == "k_of_full" else 1.0,
-        )
-        for of in long.itertuples()
-    ]  # fmt: skip
+    long["aim"] = np.where(long["quantity"] == "k_of_full", np.nan, 1.0)
+    long["quantity"] += long["cv"].map("@cv{:g}".format)
+    long["sample"] = long["truth"].map("truth_{}".format)
+    columns = ["sample", "variant", "realization", "quantity", "value", "aim"]
+    return [("cv_sweep", *row) for row in long[columns].itertuples(index=False, name=None)]
 
 
 def slice_porosities(phase: np.ndarray) -> np.ndarray:

@@ -153,7 +153,8 @@ class Truth:
                 "reference_cubes",
                 f"only {len(taken)} cubes of {edge} voxels, each the nearest to the truth's porosity that "
                 f"shares no voxel with those before it, were found, not {number}",
-                "a larger synthetic.shape (cv_sweep.grains), a smaller synthetic.reference_edge (cv_sweep.edge), or fewer",
+                "a larger synthetic.shape (cv_sweep.grains), a smaller synthetic.reference_edge "
+                "(cv_sweep.edge), or fewer",
             )
         return [cube(corner) for corner in taken]
 
