@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import edt
 import numpy as np
 import pandas as pd
 
@@ -20,7 +19,10 @@ WINDOW = 2.5
 """Half the edge of what is looked at about a body, in radii of its sphere: circles reach no farther."""
 
 DRAWN_PX = 20
-"""Radius at which shapes are drawn for their circles, as voids have it on a fine section."""
+"""Radius at which voids are drawn for their circles, pixels, as they have it on a fine section."""
+
+WITHIN = 1
+"""Label of pores within the body that is looked at; others have another."""
 
 TURNS = 8
 """Ways in which each shape is turned; dozens of shapes make them hundreds."""
@@ -90,8 +92,9 @@ def void_width(
 
     On planes across each of the three axes: the largest circle between the grains whose centre lies in the
     body, over the circle in which the plane cuts a sphere of the body's volume about its centre. The
-    first are summed over the second, so that wide voids count most. Voids are looked at one by one, so no
-    volume is held as a whole.
+    first are summed over the second, so that wide voids count most. Circles are those of
+    :func:`grainfall.morphology.inscribed_circles`, the section's. Voids are drawn one by one, each as finely as its
+    own radius asks for: no volume is held as a whole, and the scene's voxels do not show.
 
     Parameters
     ----------
@@ -113,24 +116,23 @@ def void_width(
     grain = (bodies["kind"] == "grain").to_numpy()
     widest = np.array([np.linalg.norm(v, axis=1).max() for v in library.vertices])
     reach = radius * np.where(bodies["shape"] < 0, 1.0, widest[bodies["shape"]])
+    half = int(np.ceil(WINDOW * DRAWN_PX))
+    height = np.arange(2 * half) + 0.5 - half
     circles = discs = 0.0
     for i in np.flatnonzero(~grain & (bodies["shape"] >= 0).to_numpy() & whole):
-        half = int(np.ceil(WINDOW * radius[i] / voxel_size_um))
-        origin = centre[i] - half * voxel_size_um
-        near = grain & (np.abs(centre - centre[i]) <= half * voxel_size_um + reach[:, None]).all(axis=1)
-        pore, held = (
-            voxelise(bodies[some], library, (2 * half,) * 3, voxel_size_um, tuple(origin))[0]
+        pixel = radius[i] / DRAWN_PX
+        origin = centre[i] - half * pixel
+        near = grain & (np.abs(centre - centre[i]) <= half * pixel + reach[:, None]).all(axis=1)
+        grains, body = (
+            voxelise(bodies[some], library, (2 * half,) * 3, pixel, tuple(origin))[0]
             for some in (near, np.arange(len(bodies)) == i)
         )
-        height = (np.arange(2 * half) + 0.5 - half) * voxel_size_um
-        for plane in np.flatnonzero(np.abs(height) < radius[i])[::EVERY]:
-            discs += 3 * np.sqrt(radius[i] ** 2 - height[plane] ** 2)
+        pores = np.where(grains > 0, 0, np.where(body > 0, WITHIN, 2))
+        for plane in np.flatnonzero(np.abs(height) < DRAWN_PX)[::EVERY]:
+            discs += 3 * pixel * np.sqrt(DRAWN_PX**2 - height[plane] ** 2)
             for axis in range(3):
-                free, inside = (np.ascontiguousarray(v.take(plane, axis)) for v in (pore == 0, held > 0))
-                if inside.any():
-                    # from the centre of a voxel to the face of the nearest of a grain
-                    clearance = edt.edt(free, black_border=False, parallel=1)[inside].max() - 0.5
-                    circles += min(float(clearance), half) * voxel_size_um
+                found = inscribed_circles(pores.take(plane, axis), pixel).set_index("pore")["r_um"]
+                circles += min(found.get(WITHIN, 0.0), half * pixel)
     return circles / discs if discs else None
 
 
