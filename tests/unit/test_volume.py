@@ -507,6 +507,19 @@ def test_void_width_of_a_cubic_cavity(half, radius):
     assert found == pytest.approx(half / (np.pi / 4 * radius), rel=0.03)
 
 
+@pytest.mark.parametrize("voxel", [0.25, 1.0, 2.0])
+def test_void_width_of_a_round_cavity_is_one(voxel):
+    """A ball in a cavity as large as it, wherever it lies on the voxels and however large they are."""
+    ball, block = trimesh.creation.icosphere(4), trimesh.creation.box((4.6, 4.6, 4.6))
+    hollow = np.vstack([block.vertices, ball.vertices])
+    faces = np.vstack([block.faces, len(block.vertices) + ball.faces[:, ::-1]])
+    library = SimpleNamespace(vertices=[ball.vertices, hollow], faces=[ball.faces, faces])
+    at, unturned = (30.4, 29.7, 30.1), (1.0, 0.0, 0.0, 0.0)
+    bodies = bodies_of([(0, 10.0, at, unturned, 0, "virtual"), (1, 10.0, at)])
+    found = volume.void_width(bodies, library, (round(60 / voxel),) * 3, voxel)
+    assert found == pytest.approx(1, abs=0.01)
+
+
 def test_void_width_is_told_by_whole_voids_alone():
     bodies, library = cavity(12.0, 10.0)
     alone = volume.void_width(bodies, library, (120, 120, 120), 0.5)

@@ -93,8 +93,8 @@ def void_width(
     On planes across each of the three axes: the largest circle between the grains whose centre lies in the
     body, over the circle in which the plane cuts a sphere of the body's volume about its centre. The
     first are summed over the second, so that wide voids count most. Circles are those of
-    :func:`grainfall.morphology.inscribed_circles`, the section's. Voids are drawn one by one, each as finely as its
-    own radius asks for: no volume is held as a whole, and the scene's voxels do not show.
+    :func:`grainfall.morphology.inscribed_circles`, the section's. Voids are drawn one by one, each as finely
+    as its own radius asks for: no volume is held as a whole, and the scene's voxels do not show.
 
     Parameters
     ----------
