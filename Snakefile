@@ -30,7 +30,9 @@ rule all:
     input:
         kept(),
         "results/summary.csv",
-        [] if STORED else ["results/report.html", "results/provenance.json"],
+        []
+        if STORED
+        else ["results/report.html", "results/provenance.json", *figures_shown()],
         ["results/sweep.csv"] if CONFIG["sweep"] else [],
     localrule: True
 

@@ -7,7 +7,7 @@ import csv
 import difflib
 import math
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from datetime import date
 from pathlib import Path
 
@@ -23,6 +23,12 @@ RESERVED = (
     "validation",
 )  # fmt: skip
 """Folders of results that no sample and no variant may be named after."""
+
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+"""A number as people write it; Python alone would also take 1_000 for 1000."""
+
+NO_OCTAL = re.compile(r"[+-]?(0$|0[.eE]|[^0+-])")
+"""Begins as such a number does, not with a zero before other digits."""
 
 MAX_NODES = 20_000
 """Most values in a config; aliases of aliases make billions of a few lines."""
@@ -92,20 +98,35 @@ class _OurLoader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):
 
 
 def _unique_mapping(loader: _Loader | _OurLoader, node: yaml.MappingNode) -> dict:
-    loader.flatten_mapping(node)
     seen = set()
     for key, _ in node.value:
-        if isinstance(key, yaml.ScalarNode):
+        # what is merged (<<) gives way to the mapping's own keys
+        if isinstance(key, yaml.ScalarNode) and not key.tag.endswith(":merge"):
             read = loader.construct_object(key, deep=True)
-            if {read, str(read)} & seen:  # 7, 007 and '7' are one name
+            if {read, str(read)} & seen:  # 7 and '7' are one name
                 line = key.start_mark.line + 1
                 raise InputError(f"line {line}", f"key '{key.value}' stands there twice", "unique keys")
             seen |= {read, str(read)}
     return yaml.SafeLoader.construct_mapping(loader, node, deep=True)
 
 
+def _number_as_written(kind: str) -> Callable:
+    """Constructor of numbers. YAML has some that few know: 010 is 8 to it, 1_000 is 1000, 1:30 is 90."""
+
+    def number(loader: _Loader | _OurLoader, node: yaml.ScalarNode) -> int | float:
+        read = getattr(yaml.SafeLoader, f"construct_yaml_{kind}")(loader, node)
+        if math.isfinite(read) and not (NUMBER.fullmatch(node.value) and NO_OCTAL.match(node.value)):
+            line, right = node.start_mark.line + 1, "write it as a plain number, or a name in quotes"
+            raise InputError(f"line {line}", f"{node.value} is {read} to YAML", right)
+        return read
+
+    return number
+
+
 for _loader in (_Loader, _OurLoader):
     _loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _unique_mapping)
+    for _kind in ("int", "float"):
+        _loader.add_constructor(f"tag:yaml.org,2002:{_kind}", _number_as_written(_kind))
 
 
 def _read_text(path: str | Path, what: str) -> str:
@@ -257,9 +278,6 @@ def _switched(content: dict) -> dict:
     effects = {k: words[v] if isinstance(v, bool) else v for k, v in content["effects"].items()}
     return {**content, "effects": effects}
 
-
-NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
-"""A number as people write it; Python alone would also take 1_000 for 1000."""
 
 WORDS = {"null": ("null", None), "true": ("boolean", True), "false": ("boolean", False)}
 
@@ -605,6 +623,12 @@ def _read_sheet(path: str, first: str, known: dict[str, dict]) -> dict[str, dict
             path, f"is not a TSV table ({fault})", f"one header line, one row a {first}, tabs"
         ) from None
     header = [cell.strip() for cell in cells[0]] if cells else []
+    for n in range(len(header) - 1, -1, -1):
+        if not header[n]:  # as spreadsheets leave them behind
+            if any(row[n].strip() for row in cells[1:] if len(row) > n):
+                raise InputError(path, f"column {n + 1} has no name", "a name above its cells")
+            header.pop(n)
+            cells = [row[:n] + row[n + 1 :] for row in cells]
     if first not in header or len(cells) < 2:
         tabs = len(header) == 1 and re.search(r"[\s,;]", header[0])
         right = "columns separated by tabs" if tabs else "see config/README.md"
@@ -701,7 +725,7 @@ def parse_phases(text: str | None) -> dict[str, int] | list[str] | None:
     if len({sign for _, sign, _ in pairs}) > 1:
         raise InputError(f"phases '{text}'", "some names have a value and some have not", "all or none")
     for name, sign, value in pairs:
-        if sign and not re.fullmatch(r"[0-9]+", value, re.ASCII):
+        if sign and not re.fullmatch(r"-?[0-9]+", value, re.ASCII):
             wrong = f"the value of {name}, '{value}', is no whole number"
             raise InputError(f"phases '{text}'", wrong, "phases apart by ;, as pore=0;quartz=1")
     return {name: int(value) for name, _, value in pairs} if pairs[0][1] else names

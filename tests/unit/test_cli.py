@@ -54,6 +54,20 @@ def grainfall(capsys, *arguments):
     return status, said.out, said.err
 
 
+def test_targets_are_found_from_where_one_is(tmp_path, monkeypatch):
+    """As a shell completes them; from the study's folder they stay as they are."""
+    (tmp_path / "rock").mkdir()
+    (tmp_path / "rock/config.yaml").write_text("samples: {a: {kind: synthetic, pixel_size_um: 2}}")
+    opened = study.open_study(tmp_path / "rock")
+    monkeypatch.chdir(tmp_path)
+    wanted = "results/a/sizes.csv"
+    for given in (wanted, f"rock/{wanted}", f"./rock/{wanted}", str(tmp_path / "rock" / wanted)):
+        assert study.in_study(opened, given) == wanted
+    assert study.in_study(opened, "validation") == "validation"
+    monkeypatch.chdir(tmp_path / "rock")
+    assert study.in_study(opened, wanted) == study.in_study(opened, f"./{wanted}") == wanted
+
+
 def test_new_writes_a_study_that_a_run_accepts(capsys, picture, tmp_path):
     folder = tmp_path / "my rock!"
     status, said, _ = grainfall(capsys, "new", folder, "--image", picture, "--pixel-size", "1.5um")
@@ -321,11 +335,18 @@ def test_jobs_that_run_at_once_are_kept_within_the_memory(capsys, root, tmp_path
         ),
         (["new", "{tmp}/x{{1}}", "--image", "{image}", "--pixel-size", "1um"], "has a brace"),
         (["new", "{tmp}/file", "--image", "{image}", "--pixel-size", "1um"], "is a file"),
+        (["new", "{tmp}/file/rock", "--image", "{image}", "--pixel-size", "1um"], "{tmp}/file: is a file"),
+        (["new", "{tmp}/x", "--image", "{tmp}/results", "--pixel-size", "1um"], "a study needs for itself"),
+        (["new", "{tmp}/x", "--image", "{tmp}/b\udcff.png", "--pixel-size", "1um"], "is no UTF-8 text"),
+        (["view", "{tmp}/a b"], "grainfall run '{tmp}/a b' makes it"),
+        (["export", "{tmp}/a b", "-f", "mhd"], "grainfall run '{tmp}/a b' makes it"),
+        (["status", "{tmp}/moved"], "image gone.png does not exist; a path from {tmp}/moved"),
     ],
 )
 def test_mistakes_are_one_line(capsys, picture, tmp_path, arguments, words):
     for name, text in {
         "valid": "samples: {a: {kind: synthetic, pixel_size_um: 2}}",
+        "a b": "samples: {a: {kind: synthetic, pixel_size_um: 2}}",
         "invalid": "samples: {a: {kind: synthetic, pixel_size_um: 2}}\nscene: {edge_mu: 3}",
         "garbled": "samples: [",
         "latin": "title: caf\xe9\nsamples: {a: {kind: synthetic, pixel_size_um: 2}}",

@@ -294,7 +294,57 @@ def test_a_length_in_grains_is_not_hidden_by_one_in_um(tmp_path, schema, presets
     assert set(config.parameters(bare)["row"]) == {"scene.edge_grains", "scene.voxels_per_grain"}
 
 
+@pytest.mark.parametrize("written", ["010", "-007", "0x10", "0b11", "1_000", "12:30", "1_0.5", "007.5"])
+@pytest.mark.parametrize("where", ["{a: %s}", "{%s: a}", "[{a: [1, %s]}]", "{a: b, c: {d: %s}}"])
+def test_numbers_that_are_others_to_yaml_are_refused(tmp_path, written, where):
+    """Snakemake, too, would read them so: a pixel of 010 um would be one of 8."""
+    (tmp_path / "c.yaml").write_text("# config\n{x: %s}\n" % (where % written))
+    for ours in (False, True):
+        with pytest.raises(
+            InputError, match=rf"c.yaml: line 2: {written} is .* to YAML; write it as a plain"
+        ):
+            config.load_yaml(tmp_path / "c.yaml", ours=ours)
+
+
+def test_numbers_as_people_write_them_are_read(tmp_path):
+    numbers = {
+        "0": 0,
+        "-3": -3,
+        "+12": 12,
+        "100": 100,
+        "0.0": 0.0,
+        "-0.25": -0.25,
+        ".5": 0.5,
+        "2.5e-3": 0.0025,
+    }
+    (tmp_path / "c.yaml").write_text("\n".join(f"k{n}: {text}" for n, text in enumerate(numbers)))
+    assert list(config.load_yaml(tmp_path / "c.yaml").values()) == list(numbers.values())
+    (tmp_path / "c.yaml").write_text("{'010': a, b: '0x10', 2024-05-01: c}")
+    assert list(config.load_yaml(tmp_path / "c.yaml").values()) == ["a", "0x10", "c"]
+
+
+def test_own_keys_go_before_merged_ones(tmp_path):
+    rows = "{a: &r {kind: binary, pixel_size_um: 2}, q: &q {kind: grey}, b: {<<: [*q, *r], pixel_size_um: 3}}"
+    (tmp_path / "c.yaml").write_text(rows)
+    assert config.load_yaml(tmp_path / "c.yaml")["b"] == {"kind": "grey", "pixel_size_um": 3}
+    (tmp_path / "c.yaml").write_text("{a: &r {kind: binary}, b: {<<: *r, k: 1, k: 2}}")
+    with pytest.raises(InputError, match="line 1: key 'k' stands there twice"):
+        config.load_yaml(tmp_path / "c.yaml")
+
+
+def test_columns_that_a_spreadsheet_leaves_empty_are_none(tmp_path, sample_schema):
+    head = SHEET.rstrip("\n")
+    (tmp_path / "s.tsv").write_text(f"{head}\t\t\na\t\tsynthetic\t1\t\t\nb\t\tsynthetic\t2\n")
+    assert list(config.read_samples(str(tmp_path / "s.tsv"), sample_schema)) == ["a", "b"]
+    (tmp_path / "s.tsv").write_text(f"{head}\t\t\na\t\tsynthetic\t1\t\t7\n")
+    with pytest.raises(InputError, match=r"s.tsv: column 6 has no name; a name above its cells"):
+        config.read_samples(str(tmp_path / "s.tsv"), sample_schema)
+    (tmp_path / "s.tsv").write_text("sample\t\timage\tkind\tpixel_size_um\na\t\t\tsynthetic\t1\n")
+    assert config.read_samples(str(tmp_path / "s.tsv"), sample_schema)["a"]["pixel_size_um"] == 1
+
+
 def test_phases():
+    assert config.parse_phases("pore=-1;a=0") == {"pore": -1, "a": 0}
     assert config.parse_phases("pore=0;quartz=128") == {"pore": 0, "quartz": 128}
     assert config.parse_phases("pore;quartz") == ["pore", "quartz"]
     assert config.parse_phases("") is None

@@ -220,6 +220,12 @@ class TestEstimate:
         assert um2(table["k_md"]) == pytest.approx([(7 / 8) ** 3 / (5 * surface**2)] * 3)
         assert table["formation_factor"].tolist() == pytest.approx([(7 / 8) ** -1.5] * 3)
 
+    def test_other_images_than_of_booleans_are_refused(self):
+        """Of phases, or of 0 and 255, the mean is no porosity."""
+        for pore in (duct(4, 10, (8, 8)).astype(np.uint8) * 255, np.ones((4, 4), bool)):
+            with pytest.raises(InputError, match="pore: an image of"):
+                flow.kozeny_carman(pore, 1.0)
+
     def test_only_along_axes_that_percolate(self):
         table = flow.permeability(duct(4, 10, (8, 8)), 1.0, "estimate")
         assert (table["k_md"] > 0).tolist() == [True, False, False]

@@ -753,6 +753,8 @@ def test_the_berea_volume(shared_data):
         ({"imagej": True, "resolution": (2, 2), "metadata": {"unit": "furlong"}}, None),
         ({"ome": True, "metadata": {"PhysicalSizeX": 0.5, "PhysicalSizeY": 500, "PhysicalSizeYUnit": "nm"}},
          (0.5, 0.5)),
+        ({"ome": True, "metadata": {"PhysicalSizeX": 0.5}}, (0.5, 0.5)),
+        ({"ome": True, "metadata": {"PhysicalSizeY": 0.5}}, (0.5, 0.5)),
         ({"resolution": (72, 72), "resolutionunit": "INCH"}, None),
     ],
 )  # fmt: skip

@@ -1,5 +1,6 @@
 """The whole chain as a Snakemake user runs it."""
 
+import ast
 import copy
 import json
 import platform
@@ -300,6 +301,12 @@ def test_second_run_does_nothing(finished):
         ("tiny/labels.zarr.zip", "morphology"),
         ("tiny/section.zarr.zip", "synthesise"),
         ("tiny/grains3d", "grain_library"),
+        ("tiny/section.json", "morphology"),
+        ("tiny/full/scene.json", "scene"),
+        ("tiny/full/s2_envelope.json", "s2_envelope"),
+        ("tiny/full/1/virtual_spheres.csv", "deficit"),
+        ("tiny/full/0/figures/s2.svg", "figure"),
+        ("tiny/figures/ensembles.svg", "ensembles_figure"),
     ],
 )
 def test_what_is_deleted_is_made_again(finished, tmp_path, gone, again):
@@ -308,6 +315,24 @@ def test_what_is_deleted_is_made_again(finished, tmp_path, gone, again):
     gone = folder / "results" / gone
     shutil.rmtree(gone) if gone.is_dir() else gone.unlink()
     assert planned(folder).get(again) == 1
+
+
+def test_all_that_the_report_reads_is_kept():
+    """It leaves out what is missing, so nothing of it may be: what is deleted is made again first."""
+    rules = (ROOT / "workflow/rules/common.smk").read_text()
+    kept = dict(re.findall(r"^KEPT_OF_(\w+) = (\([^)]*\))", rules, re.MULTILINE))
+    kept = {(level.lower(), name) for level, names in kept.items() for name in ast.literal_eval(names)}
+    pages = (ROOT / "src/grainfall/report/html.py").read_text()
+    read = set(re.findall(r'"(sample|variant|twin):([\w./]+)"', pages))
+    elsewhere = {  # inputs of their own, of what not every study has, or the beginnings of names
+        *(("twin", f"{packing}/volume.zarr.zip") for packing in ("first", "second")),
+        *(("sample", f"reference_{name}") for name in ("s2.csv", "flow.csv", "network")),
+        ("sample", "truth_sizes.csv"),
+        ("sample", "grains3d/library.csv"),
+        ("twin", "network"),
+    }
+    assert elsewhere < read
+    assert read - elsewhere <= kept
 
 
 @pytest.mark.parametrize(("name", "stays"), [(platform.node(), False), ("", True), ("another", True)])

@@ -521,15 +521,25 @@ def twins(path, **wildcards):
 
 KEPT_OF_SAMPLE = (
     "section.zarr.zip",
+    "section.json",
     "labels.zarr.zip",
     "grains2d.csv",
     "pores2d.csv",
     "sizes.csv",
     "grains3d",
 )
+KEPT_OF_VARIANT = ("scene.json", "s2_envelope.csv", "s2_envelope.json")
 KEPT_OF_TWIN = (
+    "first/packing.json",
+    "virtual_spheres.csv",
+    "deficit.json",
+    "second/packing.json",
+    "correction.json",
+    "cement.json",
     "twin.zarr.zip",
     "bodies.csv",
+    "grains2d.csv",
+    "pores2d.csv",
     "contacts.csv",
     "s2_slices.csv",
     "s2_volume.csv",
@@ -541,10 +551,38 @@ KEPT_OF_TWIN = (
 )
 
 
-def kept():
-    """What tables and pages come of: named, a file that was deleted, or that a run refused as damaged, is made again."""
-    of_samples = expand(f"{SAMPLE}/{{name}}", sample=SAMPLES, name=KEPT_OF_SAMPLE)
-    return of_samples + [path for name in KEPT_OF_TWIN for path in twins(name)]
+def kept(**chosen):
+    """What tables and pages come of, of all twins or of those chosen: named, a file that was deleted, or that a run
+    refused as damaged, is made again."""
+    which = {
+        "sample": list(SAMPLES),
+        "variant": list(VARIANTS),
+        "realization": list(REALIZATIONS),
+        **chosen,
+    }
+    paths = [
+        *(f"{SAMPLE}/{name}" for name in KEPT_OF_SAMPLE),
+        *(f"{VARIANT}/{name}" for name in KEPT_OF_VARIANT),
+        *(f"{TWIN}/{name}" for name in KEPT_OF_TWIN),
+    ]
+    return list(dict.fromkeys(expand(paths, **which)))
+
+
+def shown(wildcards):
+    """What a figure shows of its twin, or a page of all; without the folder of shapes, whose date says nothing."""
+    origin = {key: value for key, value in wildcards.items() if key != "figure"}
+    return [path for path in kept(**origin) if not path.endswith("/grains3d")]
+
+
+def figures_shown():
+    """Figures of the page: of each sample's first twin, and of its ensembles."""
+    first = twins(
+        "figures/{figure}.svg",
+        variant=list(VARIANTS)[:1],
+        realization=REALIZATIONS[:1],
+        figure=FIGURES,
+    )
+    return first + expand(f"{SAMPLE}/figures/ensembles.svg", sample=list(SAMPLES))
 
 
 def where_referenced(path):

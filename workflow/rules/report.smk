@@ -223,13 +223,10 @@ rule provenance:
 
 rule figure:
     input:
-        sizes=f"{SAMPLE}/sizes.csv",
+        shown=shown,
         library=ancient(f"{SAMPLE}/grains3d"),
         library_record=f"{SAMPLE}/logs/grain_library.json",
         second=f"{TWIN}/second/volume.zarr.zip",
-        plan=f"{TWIN}/plan.json",
-        metrics=f"{TWIN}/metrics.csv",
-        s2_slices=f"{TWIN}/s2_slices.csv",
         reference_s2=where_referenced("reference_s2.csv"),
     output:
         svg=report(
@@ -290,17 +287,9 @@ rule ensembles_figure:
 rule report_page:
     input:
         summary="results/summary.csv",
-        metrics=twins("metrics.csv"),
-        plans=twins("plan.json"),
+        shown=shown,
         second=twins("second/volume.zarr.zip"),
-        figures=expand(
-            f"{TWIN}/figures/{{figure}}.svg",
-            sample=list(SAMPLES),
-            variant=list(VARIANTS)[:1],
-            realization=REALIZATIONS[0],
-            figure=FIGURES,
-        ),
-        ensembles=expand(f"{SAMPLE}/figures/ensembles.svg", sample=list(SAMPLES)),
+        figures=figures_shown(),
         reference_s2=where_referenced("reference_s2.csv"),
     output:
         report(

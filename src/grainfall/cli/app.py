@@ -93,7 +93,7 @@ def new(
     config = look.write_study(study, found, force=force)
     for line in look.described(found):
         say(line)
-    out.print(f"Written: {config}. Next: grainfall run {shlex.quote(str(study))}")
+    out.print(f"Written: {config}. Next: {_run_of(study)}")
 
 
 @app.command()
@@ -121,12 +121,13 @@ def run(
     opened = studies.open_study(study)
     if not os.access(opened.folder, os.W_OK):
         raise InputError(opened.folder, "may not be written to", "a folder of your own; results go into it")
+    target = [studies.in_study(opened, path) for path in target or ()]
     if dry_run:
-        say(_jobs(studies.jobs_left(opened, target or ())))
+        say(_jobs(studies.jobs_left(opened, target)))
         return
     # Jobs wait for one another where together they would need more than there is.
     at_once = ["--cores", cores, "--resources", f"mem_mb={round(0.9 * memory_limit() / 2**20)}"]
-    jobs = ["--keep-going", *at_once, "--", *(target or ())]
+    jobs = ["--keep-going", *at_once, "--", *target]
     command = studies.snakemake(opened, *(["--unlock"] if unlock else jobs))
     with Progress(
         TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), console=out,
@@ -184,7 +185,13 @@ def status(study: Folder = Path(".")) -> None:
     if not os.access(opened.folder, os.W_OK):
         say("The folder may not be written to, so what is left to do cannot be told.")
         return
+    studies.open_study(study)  # what it names may be gone
     say(_jobs(studies.jobs_left(opened)))
+
+
+def _run_of(study: Path) -> str:
+    """The command that runs it."""
+    return f"grainfall run {shlex.quote(str(study))}"
 
 
 def _jobs(left: dict[str, int]) -> str:
@@ -208,7 +215,7 @@ def view(
     opened = studies.open_study(study, files=False)
     report = opened.results / "report.html"
     if not report.is_file():
-        raise InputError(report, "there is no report yet", f"grainfall run {study} makes it")
+        raise InputError(report, "there is no report yet", f"{_run_of(study)} makes it")
     out.print(str(report))
     if not no_open and not webbrowser.open(report.as_uri()):
         raise InputError(report, "no browser could be opened", "open this file in one")
@@ -251,7 +258,7 @@ def export(
         source = opened.results / name
         folders[source] = (to / name if twin == "all" else to) if to else source / "export"
         if not (source / "bodies.csv").is_file():  # of the rule that makes a twin's volume, too
-            raise InputError(source, "there is no twin yet", f"grainfall run {study} makes it")
+            raise InputError(source, "there is no twin yet", f"{_run_of(study)} makes it")
     files = {folder / file for name in format for file in FORMATS[name].files for folder in folders.values()}
     if (there := sorted(filter(Path.exists, files))) and not force:
         raise InputError(there[0], "is there already", "--to another folder, or --force to replace it")

@@ -202,6 +202,10 @@ def _millions(count: int) -> str:
     return f"{_rounded(count / 1e6):.10g}"
 
 
+OWN_NAMES = ("config.yaml", "config", "results", ".snakemake")
+"""What lies in a study beside its image."""
+
+
 def name_in_study(image: Path) -> str:
     """What the copy of an image is called: braces mark wildcards to Snakemake."""
     return re.sub(r"[{}]", "_", image.name)
@@ -215,9 +219,16 @@ def check_free(folder: Path, image: Path, force: bool) -> None:
     ------
     InputError
     """
-    if folder.exists() and not folder.is_dir():
-        raise InputError(folder, "is a file", "give the name of a new folder")
+    for path in (folder, *folder.absolute().parents):
+        if path.exists() and not path.is_dir():
+            raise InputError(path, "is a file", "give the name of a new folder")
     check_braces(folder)
+    try:
+        image.name.encode()
+    except UnicodeEncodeError:
+        raise InputError(image, "has a name that is no UTF-8 text", "rename it") from None
+    if image.name in OWN_NAMES:
+        raise InputError(image, "has a name that a study needs for itself", "rename it")
     copy = folder / name_in_study(image)
     there = [folder / name for name in (*CONFIGS, "results") if (folder / name).exists()]
     there += [copy] if copy.exists() and not (image.exists() and copy.samefile(image)) else []

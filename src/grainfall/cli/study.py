@@ -115,6 +115,14 @@ def check_braces(folder: Path) -> None:
         raise InputError(folder, "has a brace in its path, which marks a wildcard", "rename the folder")
 
 
+def in_study(study: Study, target: str) -> str:
+    """A target as Snakemake knows it, from the study's folder: a shell completes paths from where one is."""
+    path = Path(target)
+    if len(path.parts) > 1 and path.parts[0] != "results" and path.resolve().is_relative_to(study.folder):
+        return str(path.resolve().relative_to(study.folder))
+    return str(path)
+
+
 def schema(name: str) -> dict:
     """The schema ``config`` or ``samples``."""
     return sheet.load_yaml(house() / f"workflow/schemas/{name}.schema.yaml")

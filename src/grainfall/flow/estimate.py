@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import skimage  # its parts load when they are first used
 
+from grainfall.network import pore_space
 from grainfall.surface import specific_surface
 from grainfall.units import um2_to_millidarcy
 
@@ -25,7 +26,13 @@ def kozeny_carman(pore: np.ndarray, voxel_size_um: float) -> tuple[float, float]
 
     ``S`` is the surface per bulk volume (:func:`grainfall.surface.specific_surface`). Estimates: neither
     looks at connections. Both are empty (NaN) without pore; without surface, K is.
+
+    Raises
+    ------
+    InputError
+        When ``pore`` is no volume of booleans, or the voxel size no length.
     """
+    pore = pore_space(pore, voxel_size_um)
     phi = float(np.mean(pore))
     surface = specific_surface(pore, voxel_size_um)
     k_md = um2_to_millidarcy(phi**3 / (KOZENY * surface**2)) if surface > 0 else np.nan

@@ -38,8 +38,13 @@ def stated_pixel_um(path: str | Path) -> tuple[float, float] | None:
     with contextlib.suppress(KeyError, ValueError, ZeroDivisionError), tifffile.TiffFile(path) as tif:
         if tif.ome_metadata:
             given = dict(re.findall(r'PhysicalSize([XY](?:Unit)?)="([^"]*)"', tif.ome_metadata))
-            x, y = (float(given[axis]) * UNITS_UM[given.get(f"{axis}Unit", "µm")] for axis in "XY")
-            return x, y
+            edges = {
+                axis: float(given[axis]) * UNITS_UM[given.get(f"{axis}Unit", "µm")]
+                for axis in "XY"
+                if axis in given
+            }
+            x = edges.get("X") or edges["Y"]
+            return x, edges.get("Y", x)
         if tif.imagej_metadata:
             unit = UNITS_UM[str(tif.imagej_metadata["unit"]).lower()]
             x, y = (unit / per for per in tif.pages.first.get_resolution())
