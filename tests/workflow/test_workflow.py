@@ -524,7 +524,8 @@ def test_voxels_may_be_finer_than_the_pixels_of_the_section(finished, tmp_path):
     before, after = (io.read_table(run / "results/tiny/full/0/grains2d.csv") for run in (finished, folder))
     assert after["index"].max() < 40
     means = [np.average(table["r_um"], weights=table["weight"]) for table in (before, after)]
-    assert means[1] == pytest.approx(means[0], rel=0.1)
+    # another packing of few grains; voxels taken for pixels would halve or double it
+    assert means[1] == pytest.approx(means[0], rel=0.3)
 
 
 def test_a_variant_that_measures_otherwise_is_not_held_against_the_reference(finished):
