@@ -88,7 +88,7 @@ def test_no_phase_is_named_so():
     [
         ("a: 1\na: 2\n", "key 'a' stands there twice"),
         ("samples: {x: {}, x: {}}\n", "twice"),
-        ("variants:\n  7: {}\n  007: {}\n", "line 3: key '007' stands there twice"),
+        ("variants:\n  7: {}\n  007: {}\n", "line 3: 007 is 7 to YAML"),
         ("variants: {7: {}, '7': {}}\n", "twice"),
         ("!!python/object/apply:os.system [touch x]\n", "not YAML"),
         ("a: " + "[" * 2000 + "]" * 2000, "YAML|nested"),
