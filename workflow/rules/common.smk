@@ -571,7 +571,7 @@ def kept(**chosen):
 def shown(wildcards):
     """What a figure shows of its twin, or a page of all; without the folder of shapes, whose date says nothing."""
     origin = {key: value for key, value in wildcards.items() if key != "figure"}
-    return [path for path in kept(**origin) if not path.endswith("/grains3d")]
+    return [path for path in kept(**origin) if Path(path).name != "grains3d"]
 
 
 def figures_shown():
