@@ -523,6 +523,10 @@ def test_voxels_may_be_finer_than_the_pixels_of_the_section(finished, tmp_path):
     assert done.returncode == 0, done.stdout[-3000:]
     before, after = (io.read_table(run / "results/tiny/full/0/grains2d.csv") for run in (finished, folder))
     assert after["index"].max() < 40
+    # whole pixels of the section, which voxels of 1.25 um would not add up to
+    pixels = after["area_um2"] / TINY["samples"]["tiny"]["pixel_size_um"] ** 2
+    assert len(pixels)
+    np.testing.assert_allclose(pixels, pixels.round(), atol=1e-6)
     means = [np.average(table["r_um"], weights=table["weight"]) for table in (before, after)]
     # another packing of few grains; voxels taken for pixels would halve or double it
     assert means[1] == pytest.approx(means[0], rel=0.3)
