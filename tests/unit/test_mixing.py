@@ -126,10 +126,36 @@ def test_virtual_spheres_come_in_their_share():
     spheres = Uniform(5, 15)
     drawn = draw_population(mixture(spheres=spheres, p_sphere=0.4), Library(), 4e8, np.random.default_rng(0))
     virtual = drawn["kind"] == "virtual"
-    assert virtual.mean() == pytest.approx(0.4, abs=1 / len(drawn))
+    assert virtual.mean() == pytest.approx(0.4, abs=4 * np.sqrt(0.24 / len(drawn)))
     assert (drawn["shape"][virtual] == -1).all()
     assert (drawn["phase"][virtual] == 0).all()
     assert drawn["scale"][virtual].between(5, 15).all()
+
+
+def test_virtual_spheres_come_at_random():
+    """Stretches of the supply hold them as throws of a coin do: by quota all would hold as many."""
+    spheres, p = Uniform(5, 15), 0.1
+    drawn = draw_population(mixture(spheres=spheres, p_sphere=p), Library(), 4e9, np.random.default_rng(0))
+    virtual = (drawn["kind"] == "virtual").to_numpy()
+    held = virtual[: len(virtual) // 50 * 50].reshape(-1, 50).sum(axis=1)
+    dispersion = ((held - 50 * p) ** 2).mean() / (50 * p * (1 - p))
+    assert dispersion == pytest.approx(1, abs=4 * np.sqrt(2 / len(held)))
+    radii = drawn["scale"][virtual].to_numpy()
+    assert abs(np.corrcoef(radii[1:], radii[:-1])[0, 1]) < 4 / np.sqrt(len(radii))
+    assert radii.mean() == pytest.approx(10, abs=4 * 10 / np.sqrt(12 * len(radii)))
+
+
+def test_more_virtual_spheres_are_the_same_ones_and_others():
+    """Packings of one seed that differ in the share alone are compared with each other."""
+    few, many = (
+        draw_population(mixture(spheres=Uniform(5, 15), p_sphere=p), Library(), 4e8, np.random.default_rng(0))
+        for p in (0.05, 0.1)
+    )
+    n = min(len(few), len(many))
+    of_few, of_many = (drawn["kind"][:n] == "virtual" for drawn in (few, many))
+    assert (of_few <= of_many).all()
+    assert of_many.sum() > 1.5 * of_few.sum()
+    assert (few["scale"][:n][of_few] == many["scale"][:n][of_few]).all()
 
 
 def test_large_virtual_spheres_take_the_shapes_of_voids_and_keep_their_volumes():

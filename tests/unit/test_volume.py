@@ -501,23 +501,51 @@ def cavity(half, radius):
 
 @pytest.mark.parametrize(("half", "radius"), [(12.0, 10.0), (15.0, 10.0), (20.0, 18.0)])
 def test_void_width_of_a_cubic_cavity(half, radius):
-    """Every plane sees the circle of the square; those of the ball have π/4 of its radius on average."""
+    """Planes that meet the ball see the circle of the square; of a ball of radius w they show as much.
+
+    On planes nearer than 1, circles of a ball of radius w add up to w^2 arcsin(1 / w) + sqrt(w^2 - 1).
+    """
     bodies, library = cavity(half, radius)
     found = volume.void_width(bodies, library, (120, 120, 120), 0.5)
-    assert found == pytest.approx(half / (np.pi / 4 * radius), rel=0.03)
+    shown = found**2 * np.arcsin(1 / found) + np.sqrt(found**2 - 1)
+    assert shown == pytest.approx(2 * half / radius, rel=0.03)
+
+
+def in_its_own_cavity(mesh, times):
+    """A body of the mesh, of volume 4 pi / 3 times 10^3, in a block with a cavity so many times as large."""
+    block = trimesh.creation.box((10.0, 10.0, 10.0))
+    hollow = np.vstack([block.vertices, times * mesh.vertices])
+    faces = np.vstack([block.faces, len(block.vertices) + mesh.faces[:, ::-1]])
+    library = SimpleNamespace(vertices=[mesh.vertices, hollow], faces=[mesh.faces, faces])
+    at, unturned = (30.4, 29.7, 30.1), (1.0, 0.0, 0.0, 0.0)
+    return bodies_of([(0, 10.0, at, unturned, 0, "virtual"), (1, 10.0, at)]), library
+
+
+def spheroid(c):
+    mesh = trimesh.creation.icosphere(4)
+    mesh.vertices *= np.array([1, 1, c]) * c ** (-1 / 3)
+    return mesh
 
 
 @pytest.mark.parametrize("voxel", [0.25, 1.0, 2.0])
 def test_void_width_of_a_round_cavity_is_one(voxel):
     """A ball in a cavity as large as it, wherever it lies on the voxels and however large they are."""
-    ball, block = trimesh.creation.icosphere(4), trimesh.creation.box((4.6, 4.6, 4.6))
-    hollow = np.vstack([block.vertices, ball.vertices])
-    faces = np.vstack([block.faces, len(block.vertices) + ball.faces[:, ::-1]])
-    library = SimpleNamespace(vertices=[ball.vertices, hollow], faces=[ball.faces, faces])
-    at, unturned = (30.4, 29.7, 30.1), (1.0, 0.0, 0.0, 0.0)
-    bodies = bodies_of([(0, 10.0, at, unturned, 0, "virtual"), (1, 10.0, at)])
+    bodies, library = in_its_own_cavity(spheroid(1.0), 1.0)
     found = volume.void_width(bodies, library, (round(60 / voxel),) * 3, voxel)
     assert found == pytest.approx(1, abs=0.01)
+
+
+@pytest.mark.parametrize("c", [1.0, 0.5])
+@pytest.mark.parametrize("times", [1.0, 1.2, 1.5])
+def test_a_void_twice_as_large_is_twice_as_wide(c, times):
+    """Bodies poured 1 / width times as large leave voids of width 1 only so.
+
+    Planes across the axis of a spheroid (1, 1, c) show circles of its discs, pi / 2 times the square of its
+    radius times c in all; the others ellipses of minor half-axis c sqrt(1 - h^2), as much.
+    """
+    bodies, library = in_its_own_cavity(spheroid(c), times)
+    found = volume.void_width(bodies, library, (60, 60, 60), 1.0)
+    assert found == pytest.approx(times * np.sqrt(c * c ** (-2 / 3)), rel=0.015)
 
 
 def test_void_width_is_told_by_whole_voids_alone():
@@ -550,15 +578,15 @@ def circles_of_spheroids(c, n, rng):
 
     A plane across the direction of cosine t to the axis meets it up to h = sqrt(a^2 (1 - t^2) + (a c)^2 t^2)
     from its centre, there in an ellipse of minor half-axis a^2 c / h, and in proportion to h; the minor axis
-    shrinks as sqrt(1 - (d / h)^2) with the distance d. They are over what the planes nearer than 1 show of a
-    ball, a disc each: pi / 2 in all.
+    shrinks as sqrt(1 - (d / h)^2) with the distance d. They are over the radius of the ball whose discs
+    add up to as much: pi / 2 times its square.
     """
     a = c ** (-1 / 3)
     t = rng.random(n)
     h = a * np.sqrt(1 - t**2 + (c * t) ** 2)
     d = rng.random(n) * h.max()
-    circle, near = a * a * c / h * np.sqrt(np.maximum(0, 1 - (d / h) ** 2)), d < 1
-    return circle[d < h] / (2 * h.max() * circle[near].sum() / n / (np.pi / 2))
+    circle = a * a * c / h * np.sqrt(np.maximum(0, 1 - (d / h) ** 2))
+    return circle[d < h] / np.sqrt(2 * h.max() * circle.mean() / (np.pi / 2))
 
 
 @pytest.mark.parametrize("c", [1.0, 0.5])

@@ -163,11 +163,13 @@ class Mixture:
 def draw_population(mixture: Mixture, library, volume_um3: float, rng: np.random.Generator) -> pd.DataFrame:
     """Bodies to pour, in order, of a given total volume.
 
-    Kinds follow each other by quota: the next body is always of the component farthest behind its number
-    share, so every batch holds the right mix to within one grain. Radii of a component run through its
-    quantiles in steps of the golden ratio from a random start: any stretch of the supply is a stratified
-    sample. A grain's shape is drawn at random among the library's shapes of its phase in the nearest size
-    class (``r2d_um``).
+    Minerals follow each other by quota: the next grain is always of the one farthest behind its number share,
+    so every batch holds the right mix to within one grain. Radii of a mineral run through its quantiles in
+    steps of the golden ratio from a random start: any stretch of the supply is a stratified sample. Virtual
+    spheres come at random, each body with the same chance, and so do their radii, as the paper has it: by
+    quota voids would lie more evenly above each other than side by side. Of one generator more spheres are
+    the same ones and others among them. A grain's shape is drawn at random among the library's shapes of its
+    phase in the nearest size class (``r2d_um``).
 
     Parameters
     ----------
@@ -193,30 +195,29 @@ def draw_population(mixture: Mixture, library, volume_um3: float, rng: np.random
         raise InputError("phase fractions", "no phase has a share", "give at least one fraction > 0")
     if not 0 <= mixture.p_sphere < 1:
         raise InputError("p_sphere", f"{mixture.p_sphere} is outside [0, 1)", "grains must be poured too")
-    shares = list((1 - mixture.p_sphere) * mixture.probabilities)
-    sizes = [mixture.sizes[k] for k in phases]
-    if mixture.p_sphere > 0:
-        if mixture.spheres is None:
-            raise InputError("p_sphere", "no sizes of virtual spheres", "give them or set p_sphere to 0")
-        shares.append(mixture.p_sphere)
-        sizes.append(mixture.spheres)
+    if mixture.p_sphere > 0 and mixture.spheres is None:
+        raise InputError("p_sphere", "no sizes of virtual spheres", "give them or set p_sphere to 0")
     n = max(1, int(np.ceil(volume_um3 / mixture.mean_volume)))
-    component = _interleave(np.array(shares), n)
+    chance, place = rng.spawn(1)[0].random((n, 2)).T
+    virtual = chance < mixture.p_sphere
+    component = np.full(n, len(phases))
+    component[~virtual] = _interleave(mixture.probabilities, n - virtual.sum())
     scale = np.empty(n)
     shape = np.full(n, -1)
-    for c, size in enumerate(sizes):
+    for c, phase in enumerate(phases):
         mine = np.flatnonzero(component == c)
         u = (rng.random() + GOLDEN * np.arange(len(mine))) % 1.0
-        scale[mine] = mixture._radii(size, u)
-        if c < len(phases):
-            shape[mine] = _shapes(library.table, phases[c], scale[mine], rng)
-        elif np.isfinite(mixture.void_from_um):
+        scale[mine] = mixture._radii(mixture.sizes[phase], u)
+        shape[mine] = _shapes(library.table, phase, scale[mine], rng)
+    if virtual.any():
+        mine = np.flatnonzero(virtual)
+        scale[mine] = mixture._radii(mixture.spheres, place[mine])
+        radii = mixture.spheres.quantile(place[mine])
+        large = radii >= mixture.void_from_um
+        if large.any():
             from grainfall.grains import VOID  # here: to plan a scene takes no grains
 
-            radii = size.quantile(u)
-            large = radii >= mixture.void_from_um
             shape[mine[large]] = _shapes(library.table, VOID, radii[large], rng)
-    virtual = component == len(phases)
     return pd.DataFrame(
         {
             "kind": np.where(virtual, "virtual", "grain"),

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 import pandas as pd
+from scipy.optimize import brentq
 
 from grainfall.grains import VOID, Library, spread_planes
 from grainfall.morphology import Intergranular, inscribed_circles, intergranular, split_pores
@@ -35,8 +36,8 @@ def void_circles(library: Library, *, pore_persistence: float, min_radius_px: fl
     an uneven void shows small circles near its rim and in its lobes more often than a sphere would, and as
     spheres those would be bodies that are not there.
 
-    The void of radius 1 is the one of which :func:`void_width` is 1: over the planes that would meet a ball,
-    the largest circles of each add up to those of the ball.
+    The void of radius 1 is the one of which :func:`void_width` is 1: over all planes that meet it, the
+    largest circles of each add up to those of a ball.
 
     Parameters
     ----------
@@ -80,9 +81,11 @@ def void_circles(library: Library, *, pore_persistence: float, min_radius_px: fl
             )
             circles = inscribed_circles(labels, 1.0)
             found.append(circles["r_um"].to_numpy())
-            of = (circles["x_um"] // (2 * half)).astype(int)
-            largest += circles["r_um"][disc[of] > 0].groupby(of).max().sum()
-    return np.sort(np.concatenate(found)) * discs / (largest * DRAWN_PX) if largest else np.empty(0)
+            largest += circles["r_um"].groupby(circles["x_um"] // (2 * half)).max().sum()
+    if not largest:
+        return np.empty(0)
+    # of a body twice as large twice as many planes show circles twice as large
+    return np.sort(np.concatenate(found)) / (DRAWN_PX * np.sqrt(largest / discs))
 
 
 def void_width(
@@ -90,9 +93,10 @@ def void_width(
 ) -> float | None:
     """Width of the voids that bodies in the shapes of voids leave, over that of spheres of their volumes.
 
-    On planes across each of the three axes: the largest circle between the grains whose centre lies in the
-    body, over the circle in which the plane cuts a sphere of the body's volume about its centre. The
-    first are summed over the second, so that wide voids count most. Circles are those of
+    A body's own width is that of the ball whose circles add up to its largest ones, over all planes across
+    the three axes that meet it. Its void is taken for the body made w times as large: on the planes that meet
+    the body, the largest circles between the grains whose centre lies in it add up to those of that larger
+    one. Sums are over all bodies, so that wide voids count most. Circles are those of
     :func:`grainfall.morphology.inscribed_circles`, the section's. Voids are drawn one by one, each as finely
     as its own radius asks for: no volume is held as a whole, and the scene's voxels do not show.
 
@@ -108,7 +112,9 @@ def void_width(
     Returns
     -------
     float or None
-        None where no such body's sphere lies in the region as a whole.
+        w times the bodies' own width, over the radius of spheres of their volumes: bodies 1 / width times as
+        large leave voids as wide as the spheres. None where no such body's sphere lies in the region as a
+        whole.
     """
     centre, radius = bodies[["x", "y", "z"]].to_numpy(float), bodies["scale"].to_numpy(float)
     edges = np.asarray(shape[::-1], int) * voxel_size_um
@@ -117,23 +123,40 @@ def void_width(
     widest = np.array([np.linalg.norm(v, axis=1).max() for v in library.vertices])
     reach = radius * np.where(bodies["shape"] < 0, 1.0, widest[bodies["shape"]])
     half = int(np.ceil(WINDOW * DRAWN_PX))
-    height = np.arange(2 * half) + 0.5 - half
-    circles = discs = 0.0
+    height = (np.arange(0, 2 * half, EVERY) + 0.5 - half) / DRAWN_PX
+    ball = 3 * np.sqrt(np.maximum(0, 1 - height**2)).sum()
+    own, between, planes = [], [], []
     for i in np.flatnonzero(~grain & (bodies["shape"] >= 0).to_numpy() & whole):
         pixel = radius[i] / DRAWN_PX
         origin = centre[i] - half * pixel
         near = grain & (np.abs(centre - centre[i]) <= half * pixel + reach[:, None]).all(axis=1)
         grains, body = (
-            voxelise(bodies[some], library, (2 * half,) * 3, pixel, tuple(origin))[0]
+            voxelise(bodies[some], library, (2 * half,) * 3, pixel, tuple(origin))[0] > 0
             for some in (near, np.arange(len(bodies)) == i)
         )
-        pores = np.where(grains > 0, 0, np.where(body > 0, WITHIN, 2))
-        for plane in np.flatnonzero(np.abs(height) < DRAWN_PX)[::EVERY]:
-            discs += 3 * pixel * np.sqrt(DRAWN_PX**2 - height[plane] ** 2)
-            for axis in range(3):
-                found = inscribed_circles(pores.take(plane, axis), pixel).set_index("pore")["r_um"]
-                circles += min(found.get(WITHIN, 0.0), half * pixel)
-    return circles / discs if discs else None
+        circles = _largest_circles(np.where(body, WITHIN, 0))
+        pores = np.where(grains, 0, np.where(body, WITHIN, 2))
+        own.append(circles)
+        between.append(np.where(circles > 0, _largest_circles(pores), 0))
+        planes.append(radius[i] ** 2)  # as many of a fixed distance, with circles as large
+    if not own:
+        return None
+    own, between, planes = np.array(own), np.array(between), np.array(planes)[:, None, None]
+
+    def missing(times):
+        larger = [[times * np.interp(height / times, height, axis) for axis in body] for body in own]
+        return (planes * np.where(own > 0, larger - between, 0)).sum()
+
+    return brentq(missing, 1e-3, 1e3) * np.sqrt((planes * own).sum() / (ball * planes.sum()))
+
+
+def _largest_circles(labels: np.ndarray) -> np.ndarray:
+    """Radius of the largest circle that has its centre within, 0 without, on planes across each axis."""
+    largest = np.zeros((3, -(-len(labels) // EVERY)))
+    for axis, plane in np.ndindex(largest.shape):
+        found = inscribed_circles(labels.take(EVERY * plane, axis), 1 / DRAWN_PX).set_index("pore")["r_um"]
+        largest[axis, plane] = min(found.get(WITHIN, 0.0), WINDOW)  # with no grain about there is no end
+    return largest
 
 
 def bed_between_voids(
