@@ -149,7 +149,7 @@ def test_vugs_in_a_dense_rock_need_spheres_and_a_denser_skeleton(pack, rested, p
     first, none = porosity(plain[0]), np.zeros(1)
     vugs = packing.VirtualSizes(np.array([17.0, 19.0]), none, none, none, np.array([0.5]), True, "")
     plan = deficit(first, first)
-    plan["virtual_spheres"] = {"on": True, "for_tail": True, "p_sp": 0.01}
+    plan["virtual_spheres"] = {"on": True, "for_tail": True, "p_sp": 0.02}
 
     def pour_with(p_sphere, lubrication):
         return packing.pack(
