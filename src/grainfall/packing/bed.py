@@ -200,6 +200,8 @@ class Bed:
             inertia=self._inertia(i),
             scale=r,
             drag=self.drag(i),
+            # a void's direction is none of gravity's doing
+            turns=self.kind[i] != "virtual" or not shape.parts,
         )
 
     def _inertia(self, i: int) -> np.ndarray:

@@ -97,7 +97,8 @@ class Bullet:
             # Without it a contact of hulls forgets what it slid, and every bed creeps on. Between spheres,
             # whose contact rolls along, it would tie together what has moved on.
             frictionAnchor=int(bool(solid.parts)),
-            localInertiaDiagonal=[float(c) for c in solid.inertia],
+            # Bullet takes 0 for infinite
+            localInertiaDiagonal=[float(c) if solid.turns else 0.0 for c in solid.inertia],
             linearDamping=_per_second(self._parameters.linear_damping + solid.drag),
             angularDamping=_per_second(self._parameters.angular_damping),
             activationState=bullet.ACTIVATION_STATE_DISABLE_SLEEPING,

@@ -30,6 +30,8 @@ class Solid:
         What the vertices are multiplied by: bodies of one shape share its vertices.
     drag : float
         Rate, 1/s, at which its speed decays beside the parameters' ``linear_damping``.
+    turns : bool
+        Whether it may turn; one that may not falls and is pushed aside all the same.
     """
 
     parts: tuple[np.ndarray, ...]
@@ -38,6 +40,7 @@ class Solid:
     inertia: np.ndarray
     scale: float = 1.0
     drag: float = 0.0
+    turns: bool = True
 
 
 @dataclass(frozen=True)

@@ -98,6 +98,8 @@ class PhysX:
             body.set_inertia(np.asarray(solid.inertia, np.float32))
             body.set_linear_damping(self._parameters.linear_damping + solid.drag)
             body.set_angular_damping(self._parameters.angular_damping)
+            if not solid.turns:
+                body.set_locked_motion_axes([False] * 3 + [True] * 3)
             body.set_max_depenetration_velocity(PARTING)
         self._enter(body, position, quaternion)
         if not fixed:
