@@ -134,10 +134,8 @@ def void_width(
             voxelise(bodies[some], library, (2 * half,) * 3, pixel, tuple(origin))[0] > 0
             for some in (near, np.arange(len(bodies)) == i)
         )
-        circles = _largest_circles(np.where(body, WITHIN, 0))
-        pores = np.where(grains, 0, np.where(body, WITHIN, 2))
-        own.append(circles)
-        between.append(np.where(circles > 0, _largest_circles(pores), 0))
+        own.append(_largest_circles(np.where(body, WITHIN, 0)))
+        between.append(_largest_circles(np.where(grains, 0, np.where(body, WITHIN, 2))))
         planes.append(radius[i] ** 2)  # as many of a fixed distance, with circles as large
     if not own:
         return None
@@ -153,9 +151,11 @@ def void_width(
 def _largest_circles(labels: np.ndarray) -> np.ndarray:
     """Radius of the largest circle that has its centre within, 0 without, on planes across each axis."""
     largest = np.zeros((3, -(-len(labels) // EVERY)))
-    for axis, plane in np.ndindex(largest.shape):
-        found = inscribed_circles(labels.take(EVERY * plane, axis), 1 / DRAWN_PX).set_index("pore")["r_um"]
-        largest[axis, plane] = min(found.get(WITHIN, 0.0), WINDOW)  # with no grain about there is no end
+    for axis, n in np.ndindex(largest.shape):
+        plane = labels.take(EVERY * n, axis)
+        if (plane == WITHIN).any():
+            found = inscribed_circles(plane, 1 / DRAWN_PX).set_index("pore")["r_um"]
+            largest[axis, n] = min(found[WITHIN], WINDOW)  # with no grain about there is no end
     return largest
 
 
